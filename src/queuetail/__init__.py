@@ -1,0 +1,3 @@
+"""queuetail: where is the end of the traffic queue?"""
+
+__version__ = "0.1.0"

@@ -1,0 +1,204 @@
+"""Site files and presets: TOML into frozen settings; every unknown key is refused with a hint."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from queuetail.errors import InputError
+
+T = TypeVar("T", bound="Settings")
+
+MPS_PER_MPH = 0.44704
+DEFAULT_QUEUE_SPEED_MPH = 25.0  # Messenger et al. (2023): where no limit is posted
+
+Latitude = Annotated[float, Field(ge=-90, le=90, allow_inf_nan=False)]
+Longitude = Annotated[float, Field(ge=-180, le=180, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+LatLon = tuple[Latitude, Longitude]
+Metres2 = tuple[Finite, Finite]
+
+
+class Settings(BaseModel):
+    """Base of every settings table: frozen, and unknown keys are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class SiteInfo(Settings):
+    """`[site]`: what the place is called and what is posted there."""
+
+    name: str = "unnamed site"
+    posted_speed_mph: Annotated[float, Field(gt=0, le=120)] | None = None
+    origin: LatLon | None = None  # the place of enu_m (0, 0), where that is known
+
+
+class CameraOverride(Settings):
+    """`[camera]`: what is known better than telemetry says of the lens."""
+
+    hfov_deg: Annotated[float, Field(gt=0, lt=180)] | None = None
+    distortion: Annotated[tuple[Finite, ...], Field(max_length=5)] = ()
+
+
+class TelemetryFill(Settings):
+    """`[telemetry]`: constants for what the flight log lacks, and its offset to the video."""
+
+    offset_s: Finite = 0.0  # added to the log's times: positive where the log started later
+    lat_deg: Latitude | None = None
+    lon_deg: Longitude | None = None
+    height_agl_m: Annotated[float, Field(gt=0, le=10_000)] | None = None
+    heading_deg: Finite | None = None
+    gimbal_pitch_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
+    gimbal_roll_deg: Finite | None = None
+
+
+class QueueSettings(Settings):
+    """`[queue]`: which speed counts as queued."""
+
+    speed_mph: Annotated[float, Field(gt=0, le=120)] | None = None
+
+
+class ApproachSite(Settings):
+    """`[[approach]]`: one carriageway in one direction; its axis is the left edge of the left lane."""
+
+    name: Annotated[str, Field(min_length=1)]
+    lanes: Annotated[int, Field(ge=1, le=12)] = 1
+    lane_width_m: Annotated[float, Field(gt=1.5, lt=10)] = 3.5
+    start_station_m: Finite = 0.0  # of the axis' first point
+    axis: tuple[LatLon, ...] | None = None
+    axis_enu_m: tuple[Metres2, ...] | None = None
+
+    @model_validator(mode="after")
+    def _has_one_axis(self) -> ApproachSite:
+        points = self.axis if self.axis is not None else self.axis_enu_m
+        if points is None or (self.axis is not None and self.axis_enu_m is not None):
+            raise ValueError("an approach needs either axis or axis_enu_m")
+        if len(points) < 2:
+            raise ValueError("an axis needs two points or more, in the direction of travel")
+        if any(math.dist(a, b) == 0 for a, b in zip(points, points[1:], strict=False)):
+            raise ValueError("an axis has the same point twice in a row")
+        return self
+
+
+class ControlPoint(Settings):
+    """`[[control_point]]`: a pixel whose place on the ground is known."""
+
+    px: Metres2
+    at: LatLon | None = None
+    enu_m: Metres2 | None = None
+
+    @model_validator(mode="after")
+    def _has_one_place(self) -> ControlPoint:
+        if (self.at is None) == (self.enu_m is None):
+            raise ValueError("a control point needs either at (latitude, longitude) or enu_m")
+        return self
+
+
+class PaperSettings(Settings):
+    """`[paper]`: the sliders of Messenger et al. (2023), in pixels of the 720-pixel-wide picture."""
+
+    width_px: Annotated[int, Field(ge=160, le=3840)] = 720
+    blur_px: Annotated[int, Field(ge=3, le=31)] = 5
+    background: Literal["mog2", "average", "first"] = "mog2"
+    dilate_px: Annotated[int, Field(ge=3, le=9)] = 5
+    min_blob_px2: Annotated[float, Field(gt=0)] = 40.0
+    direction_deg: Finite | None = None  # compass course of the queue, where there is no approach
+
+
+class Site(Settings):
+    """A whole site file; the defaults stand for no site file at all."""
+
+    site: SiteInfo = SiteInfo()
+    camera: CameraOverride = CameraOverride()
+    telemetry: TelemetryFill = TelemetryFill()
+    queue: QueueSettings = QueueSettings()
+    approach: tuple[ApproachSite, ...] = ()
+    control_point: tuple[ControlPoint, ...] = ()
+    paper: PaperSettings = PaperSettings()
+
+    @model_validator(mode="after")
+    def _is_consistent(self) -> Site:
+        names = [a.name for a in self.approach]
+        if len(set(names)) != len(names):
+            raise ValueError("two approaches have the same name")
+        if 0 < len(self.control_point) < 4:
+            raise ValueError(
+                f"{len(self.control_point)} control points given, at least 4 are needed"
+            )
+        kinds = {c.at is None for c in self.control_point}
+        if len(kinds) == 2 and self.site.origin is None:
+            raise ValueError("control points mix at and enu_m, which needs [site] origin")
+        return self
+
+    @property
+    def queue_speed_mps(self) -> float:
+        """The speed below which a vehicle counts as queued (design: a third of the limit, or 25)."""
+        if self.queue.speed_mph is not None:
+            return self.queue.speed_mph * MPS_PER_MPH
+        if self.site.posted_speed_mph is not None:
+            return self.site.posted_speed_mph * MPS_PER_MPH / 3
+        return DEFAULT_QUEUE_SPEED_MPH * MPS_PER_MPH
+
+
+def read_site(path: Path) -> Site:
+    """Read a site file; raises InputError with the file, the key and the mend."""
+    try:
+        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such site file") from None
+    except IsADirectoryError:
+        raise InputError(f"{path} is a folder, not a site file") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not a text file in UTF-8, so it is no site file") from None
+    except OSError as error:
+        raise InputError(f"{path}: the site file cannot be read ({error.strerror})") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not valid TOML: {error}") from None
+    return parse_settings(Site, raw, str(path))
+
+
+def parse_settings(model: type[T], raw: dict[str, Any], source: str) -> T:
+    """Validate `raw` against `model`; raises InputError naming the first thing that is wrong."""
+    try:
+        return model.model_validate(raw)
+    except ValidationError as error:
+        raise InputError(f"{source}: {_first_problem(model, error)}") from None
+
+
+def _first_problem(model: type[Settings], error: ValidationError) -> str:
+    problem = error.errors()[0]
+    location = problem["loc"]
+    where = _dotted(location)
+    if problem["type"] == "extra_forbidden":
+        table = _dotted(location[:-1])
+        known = list(_fields_at(model, location[:-1]))
+        near = difflib.get_close_matches(str(location[-1]), known, n=1)
+        hint = f"did you mean '{near[0]}'?" if near else f"known keys: {', '.join(sorted(known))}"
+        inside = f" in [{table}]" if table else ""
+        return f"unknown key '{location[-1]}'{inside}; {hint}"
+    message = problem["msg"].removeprefix("Value error, ")
+    return f"{where}: {message}" if where else message
+
+
+def _dotted(location: tuple[int | str, ...]) -> str:
+    text = ""
+    for part in location:
+        text += f" {part + 1}" if isinstance(part, int) else f".{part}" if text else part
+    return text
+
+
+def _fields_at(model: type[Settings], location: tuple[int | str, ...]) -> set[str]:
+    """Return the keys that are known in the table at `location` of `model`."""
+    current: Any = model
+    for part in location:
+        if isinstance(part, int):
+            continue
+        annotation = current.model_fields[part].annotation
+        arguments = [a for a in getattr(annotation, "__args__", ()) if hasattr(a, "model_fields")]
+        current = arguments[0] if arguments else annotation
+    return set(current.model_fields)

@@ -1,0 +1,1 @@
+"""Pure geometry: camera (lens, pose, rays), ground (rays × plane), earth (geodetic ↔ ENU)."""

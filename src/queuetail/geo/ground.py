@@ -1,0 +1,146 @@
+"""Rays × ground plane: pixels ↔ ENU metres, and how well they are known."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from queuetail.geo.camera import camera_matrix, distort_px, rotation_enu_camera, undistort_px
+from queuetail.geo.earth import enu_from_geodetic
+from queuetail.types import CameraPose, Floats, GroundMapping, Intrinsics, Origin, PoseSigma
+
+
+def apply_homography(H: Floats, points: Floats) -> Floats:
+    """Map points by a homography, (n, 2) -> (n, 2); NaN where they lie on its far side (w <= 0)."""
+    x, y = points[..., 0], points[..., 1]
+    w = H[2, 0] * x + H[2, 1] * y + H[2, 2]
+    w = np.where(w > 0, w, np.nan)
+    return np.stack(
+        [
+            (H[0, 0] * x + H[0, 1] * y + H[0, 2]) / w,
+            (H[1, 0] * x + H[1, 1] * y + H[1, 2]) / w,
+        ],
+        axis=-1,
+    )
+
+
+def mapping_from_pose(
+    pose: CameraPose, origin: Origin, sigma: PoseSigma | None = None
+) -> GroundMapping:
+    """Return the exact plane mapping of a pinhole camera above level ground.
+
+    A pixel's ray d = R K⁻¹ (u, v, 1) meets the ground at camera + d·h/(−d_up), which is a homography
+    with w = −d_up: positive exactly where the pixel looks below the horizon.
+    """
+    R = rotation_enu_camera(pose.yaw_deg, pose.pitch_deg, pose.roll_deg)
+    D = R @ np.linalg.inv(camera_matrix(pose.intrinsics))
+    camera = enu_from_geodetic(np.array(pose.lat_deg), np.array(pose.lon_deg), origin)
+    H = np.stack(
+        [
+            pose.height_agl_m * D[0] - camera[0] * D[2],
+            pose.height_agl_m * D[1] - camera[1] * D[2],
+            -D[2],
+        ]
+    )
+    return GroundMapping(
+        H_enu_px=H,
+        H_px_enu=_inverse_with_positive_depth(H, pose),
+        origin=origin,
+        intrinsics=pose.intrinsics if pose.intrinsics.distortion else None,
+        pose=pose,
+        pose_sigma=sigma or PoseSigma(),
+    )
+
+
+def mapping_from_control_points(
+    px: Floats, enu: Floats, origin: Origin | None, lens: Intrinsics | None = None
+) -> GroundMapping:
+    """Fit the plane mapping to four or more pairs of pixels and ground metres, (n, 2) each.
+
+    Raises ValueError when there are fewer than four pairs or they are nearly on a line.
+    Source: normalised direct linear transform, Hartley & Zisserman (2004), algorithm 4.2.
+    """
+    if len(px) < 4:
+        raise ValueError(f"{len(px)} control points given, at least 4 are needed")
+    ideal = undistort_px(px, lens) if lens else px
+    H = _direct_linear_transform(ideal, enu)
+    w = ideal @ H[2, :2] + H[2, 2]
+    if not (np.all(w > 0) or np.all(w < 0)):
+        raise ValueError("the control points cannot all lie on one plane in front of the camera")
+    H = H * np.sign(w[0])
+    inverse = np.linalg.inv(H)
+    inverse = inverse * np.sign((enu @ inverse[2, :2] + inverse[2, 2])[0])
+    residual = apply_homography(H, ideal) - enu
+    spare = max(2 * len(px) - 8, 1)
+    sigma_m = float(np.sqrt((residual**2).sum() / spare))
+    return GroundMapping(H, inverse, origin, intrinsics=lens, sigma_m=sigma_m)
+
+
+def px_to_enu(mapping: GroundMapping, px: Floats) -> Floats:
+    """Return the ground metres under pixels, (n, 2) -> (n, 2); NaN at and above the horizon."""
+    ideal = undistort_px(px, mapping.intrinsics) if mapping.intrinsics else px
+    return apply_homography(mapping.H_enu_px, ideal)
+
+
+def enu_to_px(mapping: GroundMapping, enu: Floats) -> Floats:
+    """Return the pixels of ground points, (n, 2) -> (n, 2); NaN behind the camera."""
+    ideal = apply_homography(mapping.H_px_enu, enu)
+    return distort_px(ideal, mapping.intrinsics) if mapping.intrinsics else ideal
+
+
+def covariance(mapping: GroundMapping, px: Floats) -> Floats:
+    """Return the covariance of ground positions in m², (n, 2) pixels -> (n, 2, 2).
+
+    First-order propagation of the pose's standard deviations and of the pixel's own.
+    """
+    base = px_to_enu(mapping, px)
+    sigma = mapping.pose_sigma
+    steps = [
+        (px_to_enu(mapping, px + delta) - base) * sigma.pixel_px for delta in ([1.0, 0], [0, 1.0])
+    ]
+    pose = mapping.pose
+    fixed = mapping.sigma_m**2
+    if pose is not None and mapping.origin is not None:
+        fixed += sigma.horizontal_m**2
+        for name, value in (
+            ("height_agl_m", sigma.height_m),
+            ("yaw_deg", sigma.yaw_deg),
+            ("pitch_deg", sigma.pitch_deg),
+            ("roll_deg", sigma.roll_deg),
+        ):
+            moved = dataclasses.replace(pose, **{name: getattr(pose, name) + value})
+            steps.append(px_to_enu(mapping_from_pose(moved, mapping.origin), px) - base)
+    J = np.stack(steps, axis=-1)
+    return np.asarray(J @ np.swapaxes(J, -1, -2) + fixed * np.eye(2))
+
+
+def _inverse_with_positive_depth(H: Floats, pose: CameraPose) -> Floats:
+    """Invert H_enu_px so that w > 0 for ground in front of the camera: w is then the depth / h."""
+    return np.asarray(np.linalg.inv(H) * pose.height_agl_m)
+
+
+def _direct_linear_transform(source: Floats, target: Floats) -> Floats:
+    S, T = _normalising(source), _normalising(target)
+    a, b = apply_homography(S, source), apply_homography(T, target)
+    one, zero = np.ones(len(a)), np.zeros(len(a))
+    x, y, u, v = a[:, 0], a[:, 1], b[:, 0], b[:, 1]
+    rows = np.concatenate(
+        [
+            np.stack([x, y, one, zero, zero, zero, -u * x, -u * y, -u], axis=1),
+            np.stack([zero, zero, zero, x, y, one, -v * x, -v * y, -v], axis=1),
+        ]
+    )
+    _, singular, Vt = np.linalg.svd(rows)
+    if singular[7] < 1e-6 * singular[0]:
+        raise ValueError("the control points are nearly on a line; spread them over the road")
+    return np.asarray(np.linalg.inv(T) @ Vt[-1].reshape(3, 3) @ S)
+
+
+def _normalising(points: Floats) -> Floats:
+    centre = points.mean(axis=0)
+    spread = np.linalg.norm(points - centre, axis=1).mean()
+    if not spread > 0:
+        raise ValueError("the control points are all at the same place")
+    s = np.sqrt(2) / spread
+    return np.array([[s, 0, -s * centre[0]], [0, s, -s * centre[1]], [0, 0, 1.0]])
