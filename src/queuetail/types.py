@@ -166,6 +166,20 @@ class GroundPoints:
         return len(self.px)
 
 
+@dataclass(frozen=True, slots=True)
+class Approach:
+    """One carriageway in one direction: its axis is the left edge of the left lane, in ENU.
+
+    Lane 1 is the left-most and covers offsets 0 … −lane_width_m; lane 2 the next, and so on.
+    """
+
+    name: str
+    axis_enu: Floats  # (k, 2), k >= 2, in the direction of travel
+    start_station_m: float = 0.0
+    lanes: int = 1
+    lane_width_m: float = 3.5
+
+
 class TrackState(StrEnum):
     """How far a track is to be believed."""
 
@@ -252,5 +266,6 @@ class Observation:
     mapping: GroundMapping | Unknown
     registration: Registration
     detections_px: Floats  # (n, 4) boxes of the candidates in input-video pixels
+    approaches: tuple[Approach, ...]  # what RoadVehicles.approach and the states refer to
     vehicles: RoadVehicles
     states: tuple[QueueState, ...]
