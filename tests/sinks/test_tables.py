@@ -113,7 +113,9 @@ def test_any_observation_gives_parsable_rows(
         tracks=dataclasses.replace(seen.tracks, enu=np.array([[u, v]])),
     )
     road = Approach(name, synthetic.EAST.axis_enu)
-    shown = synthetic.observation(0, 0.0, [QueueState(name, status, end)], seen, ground, (road,))
+    shown = synthetic.observation(
+        0, 0.0, [QueueState(name, status, end)], seen, ground, approaches=(road,)
+    )
     for rows, columns in ((queue_rows(shown), DESIGN_QUEUE), (track_rows(shown), DESIGN_TRACKS)):
         parsed = list(csv.reader(rows))
         assert [len(r) for r in parsed] == [len(columns)] * len(rows)
