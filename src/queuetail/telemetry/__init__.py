@@ -1,4 +1,4 @@
-"""Telemetry: one adapter per format, all giving the same samples; :class:`FlightLog` interpolates."""
+"""Telemetry: one adapter per format, all giving the same samples."""
 
 from queuetail.telemetry.flightlog import FlightLog
 from queuetail.telemetry.read import read_telemetry
