@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import tomllib
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -64,7 +65,7 @@ class QueueSettings(Settings):
 
 
 class ApproachSite(Settings):
-    """`[[approach]]`: one carriageway in one direction; its axis is the left edge of the left lane."""
+    """`[[approach]]`: one carriageway in one direction, along the left edge of its left lane."""
 
     name: Annotated[str, Field(min_length=1)]
     lanes: Annotated[int, Field(ge=1, le=12)] = 1
@@ -80,7 +81,7 @@ class ApproachSite(Settings):
             raise ValueError("an approach needs either axis or axis_enu_m")
         if len(points) < 2:
             raise ValueError("an axis needs two points or more, in the direction of travel")
-        if any(math.dist(a, b) == 0 for a, b in zip(points, points[1:], strict=False)):
+        if any(math.dist(a, b) == 0 for a, b in pairwise(points)):
             raise ValueError("an axis has the same point twice in a row")
         return self
 
@@ -100,7 +101,7 @@ class ControlPoint(Settings):
 
 
 class PaperSettings(Settings):
-    """`[paper]`: the sliders of Messenger et al. (2023), in pixels of the 720-pixel-wide picture."""
+    """`[paper]`: the sliders of Messenger et al. (2023), in pixels of the scaled picture."""
 
     width_px: Annotated[int, Field(ge=160, le=3840)] = 720
     blur_px: Annotated[int, Field(ge=3, le=31)] = 5
@@ -130,14 +131,20 @@ class Site(Settings):
             raise ValueError(
                 f"{len(self.control_point)} control points given, at least 4 are needed"
             )
-        kinds = {c.at is None for c in self.control_point}
-        if len(kinds) == 2 and self.site.origin is None:
-            raise ValueError("control points mix at and enu_m, which needs [site] origin")
+        geodetic = [c.at is not None for c in self.control_point]
+        geodetic += [a.axis is not None for a in self.approach]
+        local = [c.enu_m is not None for c in self.control_point]
+        local += [a.axis_enu_m is not None for a in self.approach]
+        if any(geodetic) and any(local) and self.site.origin is None:
+            raise ValueError(
+                "the file mixes latitude/longitude with local metres; "
+                "say where (0, 0) is with origin = [latitude, longitude] in [site]"
+            )
         return self
 
     @property
     def queue_speed_mps(self) -> float:
-        """The speed below which a vehicle counts as queued (design: a third of the limit, or 25)."""
+        """The speed below which a vehicle counts as queued: a third of the limit, or 25 mph."""
         if self.queue.speed_mph is not None:
             return self.queue.speed_mph * MPS_PER_MPH
         if self.site.posted_speed_mph is not None:

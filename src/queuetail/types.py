@@ -157,6 +157,7 @@ class GroundPoints:
     """Detections located: input-video pixels and ground metres of each, with its ground extent."""
 
     px: Floats  # (n, 2)
+    boxes_px: Floats  # (n, 4) x, y, width, height in input-video pixels
     enu: Floats  # (n, 2)
     sigma_m: Floats  # (n,) one standard deviation of the position
     length_m: Floats  # (n,)
@@ -164,6 +165,15 @@ class GroundPoints:
 
     def __len__(self) -> int:
         return len(self.px)
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """When and in what the detections of one frame were seen."""
+
+    t_s: float
+    raster: Raster
+    mapping: GroundMapping
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,7 +254,7 @@ class EndOfQueue:
     track_id: int
     length_m: float  # from the end of the queue to its most downstream vehicle
     vehicles: int
-    growth_mps: float | None  # positive while the queue grows upstream; None until known
+    growth_mps: float | None = None  # positive while the queue grows upstream; None until known
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,9 +32,7 @@ def intrinsics_from_hfov(
 
 def camera_matrix(lens: Intrinsics) -> Floats:
     """Return the 3×3 matrix K that maps camera axes to homogeneous pixels."""
-    return np.array(
-        [[lens.fx_px, 0.0, lens.cx_px], [0.0, lens.fy_px, lens.cy_px], [0.0, 0.0, 1.0]]
-    )
+    return np.array([[lens.fx_px, 0.0, lens.cx_px], [0.0, lens.fy_px, lens.cy_px], [0.0, 0.0, 1.0]])
 
 
 def rotation_enu_camera(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Floats:

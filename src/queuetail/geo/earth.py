@@ -12,8 +12,10 @@ EARTH_RADIUS_M = 6_371_008.8  # mean radius, IUGG
 
 
 def enu_from_geodetic(lat_deg: Floats, lon_deg: Floats, origin: Origin) -> Floats:
-    """Return metres east and north of `origin`, both at ellipsoid height 0: (n,), (n,) -> (n, 2)."""
-    east, north, _ = pymap3d.geodetic2enu(lat_deg, lon_deg, 0.0, origin.lat_deg, origin.lon_deg, 0.0)
+    """Return metres east and north of `origin`, all at height 0: (n,), (n,) -> (n, 2)."""
+    east, north, _ = pymap3d.geodetic2enu(
+        lat_deg, lon_deg, 0.0, origin.lat_deg, origin.lon_deg, 0.0
+    )
     return np.stack([np.asarray(east, float), np.asarray(north, float)], axis=-1)
 
 

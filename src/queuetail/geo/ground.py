@@ -30,8 +30,8 @@ def mapping_from_pose(
 ) -> GroundMapping:
     """Return the exact plane mapping of a pinhole camera above level ground.
 
-    A pixel's ray d = R K⁻¹ (u, v, 1) meets the ground at camera + d·h/(−d_up), which is a homography
-    with w = −d_up: positive exactly where the pixel looks below the horizon.
+    A pixel's ray d = R K⁻¹ (u, v, 1) meets the ground at camera + d·h/(−d_up), a homography with
+    w = −d_up: positive exactly where the pixel looks below the horizon.
     """
     R = rotation_enu_camera(pose.yaw_deg, pose.pitch_deg, pose.roll_deg)
     D = R @ np.linalg.inv(camera_matrix(pose.intrinsics))

@@ -1,0 +1,1 @@
+"""Pure tracking: objects followed from frame to frame."""

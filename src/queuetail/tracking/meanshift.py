@@ -1,0 +1,230 @@
+"""The paper's tracker: one mean-shift window per object, with its past positions.
+
+Source: Messenger et al. (2023); mean shift after Comaniciu & Meer (2002), with the histogram
+weighted by its surroundings after Comaniciu, Ramesh & Meer (2003).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from queuetail.geo.earth import geodetic_from_enu, haversine_m
+from queuetail.types import (
+    Detections,
+    Floats,
+    GroundMapping,
+    GroundPoints,
+    Image,
+    Raster,
+    Scene,
+    Tracks,
+    TrackState,
+)
+
+Locate = Callable[[Detections, Raster, GroundMapping], GroundPoints]
+Box = tuple[float, float, float, float]  # x, y, width, height in raster pixels
+
+MIN_AGE_FRAMES = 8  # the paper's: younger objects are no cars yet
+MAX_MISSED_FRAMES = 8
+MIN_WEIGHT = 90  # of 255: mean back-projection in the window below which the object is lost
+SPEED_WINDOW_S = 0.5  # past positions are compared over this time: one pixel per frame is 15 mph
+MAX_SPEED_MPS = 60.0
+MIN_TOP_SPEED_MPS = 5.0  # over SPEED_WINDOW_S at some time: what only sways is not a car
+LENGTH_RANGE_M = (1.5, 35.0)
+WIDTH_RANGE_M = (0.5, 12.0)
+CHANNELS, HISTOGRAM_BINS, RANGES = (1, 2), (8, 16), (0, 256, 0, 256)
+# Saturation and value, not hue: grey cars differ from asphalt by value.
+CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 1.0)
+
+
+@dataclass(slots=True)
+class _Object:
+    """One followed object; `past` holds (t_s, east, north)."""
+
+    track_id: int
+    window: Box
+    histogram: NDArray[np.float32]  # share of the object in each colour, 0 … 255
+    past: deque[tuple[float, float, float]] = field(default_factory=deque)
+    age_frames: int = 1
+    unseen_frames: int = 0  # since the last blob
+    lost_frames: int = 0  # in which its colours were gone from the window
+    is_car: bool = False
+    top_speed_mps: float = 0.0
+
+
+class MeanShiftTracker:
+    """Follows objects in the picture; blobs correct the windows, stopped objects live by colour."""
+
+    def __init__(self, locate: Locate) -> None:
+        self._locate = locate
+        self._objects: list[_Object] = []
+        self._next_id = 1
+
+    def update(self, points: GroundPoints, scene: Scene) -> Tracks:
+        """Move every window to its object, take in the new blobs, and return all objects."""
+        image = scene.raster.image
+        colour = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)
+        scale = scene.raster.H_px_raster[0, 0], scene.raster.H_px_raster[1, 1]
+        boxes: list[Box] = [tuple(b) for b in (points.boxes_px / np.tile(scale, 2)).tolist()]
+        for item in self._objects:
+            _shift(item, colour)
+        free = self._associate(boxes)
+        self._objects = [o for o in self._objects if _is_alive(o, image.shape)]
+        for box in free:
+            self._objects.append(_new_object(self._next_id, box, colour))
+            self._next_id += 1
+        self._objects = _without_doubles(self._objects)
+        return self._tracks(scene)
+
+    def _associate(self, boxes: list[Box]) -> list[Box]:
+        """Give each blob to the nearest window around its centre; return the blobs left over."""
+        free = []
+        for box in boxes:
+            centre = _centre(box)
+            near = [o for o in self._objects if _contains(o.window, centre)]
+            if not near:
+                if not any(_contains(box, _centre(o.window)) for o in self._objects):
+                    free.append(box)
+                continue
+            item = min(near, key=lambda o: _distance(_centre(o.window), centre))
+            item.window = box
+            item.unseen_frames = item.lost_frames = 0
+        return free
+
+    def _tracks(self, scene: Scene) -> Tracks:
+        boxes = np.array([o.window for o in self._objects], float).reshape(-1, 4)
+        located = self._locate(
+            Detections(boxes, boxes[:, 2] * boxes[:, 3]), scene.raster, scene.mapping
+        )
+        velocity = self._velocities(located.enu, scene)
+        speeds = np.linalg.norm(velocity, axis=1)
+        for i, item in enumerate(self._objects):
+            if speeds[i] < MAX_SPEED_MPS and item.age_frames >= MIN_AGE_FRAMES:
+                item.top_speed_mps = max(item.top_speed_mps, float(speeds[i]))
+            item.is_car = _is_car(item, located.length_m[i], located.width_m[i], speeds[i])
+        return Tracks(
+            ids=np.array([o.track_id for o in self._objects], np.int64),
+            states=tuple(_state(o) for o in self._objects),
+            px=located.px,
+            boxes_px=located.boxes_px,
+            enu=located.enu,
+            velocity_mps=velocity,
+            sigma_m=located.sigma_m,
+            length_m=located.length_m,
+        )
+
+    def _velocities(self, enu: Floats, scene: Scene) -> Floats:
+        """Haversine distance from the place half a second ago, over the time that passed since."""
+        before = np.empty_like(enu)
+        seconds = np.zeros(len(enu))
+        for i, item in enumerate(self._objects):
+            item.past.append((scene.t_s, float(enu[i, 0]), float(enu[i, 1])))
+            while len(item.past) > 2 and scene.t_s - item.past[1][0] >= SPEED_WINDOW_S:
+                item.past.popleft()
+            t_s, *place = item.past[0]
+            before[i], seconds[i] = place, scene.t_s - t_s
+        moved = enu - before
+        distance = np.linalg.norm(moved, axis=1)
+        if scene.mapping.origin is not None:
+            here = geodetic_from_enu(enu, scene.mapping.origin)
+            there = geodetic_from_enu(before, scene.mapping.origin)
+            great_circle = haversine_m(*there, *here)
+            moved = moved * (great_circle / np.maximum(distance, 1e-9))[:, None]
+        velocity = moved / np.maximum(seconds, 1e-9)[:, None]
+        return np.where(seconds[:, None] > 0, velocity, 0.0)
+
+
+def _is_car(item: _Object, length_m: float, width_m: float, speed_mps: float) -> bool:
+    """The paper's car test: old enough, of a car's size, at a car's speed."""
+    return bool(
+        item.age_frames >= MIN_AGE_FRAMES
+        and LENGTH_RANGE_M[0] <= length_m <= LENGTH_RANGE_M[1]
+        and WIDTH_RANGE_M[0] <= width_m <= WIDTH_RANGE_M[1]
+        and item.top_speed_mps >= MIN_TOP_SPEED_MPS
+        and speed_mps <= MAX_SPEED_MPS
+    )
+
+
+def _state(item: _Object) -> TrackState:
+    if not item.is_car:
+        return TrackState.TENTATIVE
+    return TrackState.COASTING if item.unseen_frames else TrackState.CONFIRMED
+
+
+def _new_object(track_id: int, box: Box, colour: Image) -> _Object:
+    """Start an object with the histogram of its box over that of its surroundings."""
+    inside, around = _crop(colour, box), _crop(colour, _grown(box))
+    own = cv2.calcHist([inside], CHANNELS, None, HISTOGRAM_BINS, RANGES)
+    total = cv2.calcHist([around], CHANNELS, None, HISTOGRAM_BINS, RANGES)
+    share = np.divide(255 * own, total, out=np.zeros_like(own), where=total > 0)
+    return _Object(track_id, box, np.asarray(share, np.float32))
+
+
+def _shift(item: _Object, colour: Image) -> None:
+    """One mean-shift search around the window; a window without its colours counts as missed."""
+    item.age_frames += 1
+    item.unseen_frames += 1
+    grown = _grown(item.window)
+    left, top = max(int(grown[0]), 0), max(int(grown[1]), 0)
+    weights = cv2.calcBackProject([_crop(colour, grown)], CHANNELS, item.histogram, RANGES, 1)
+    x, y, width, height = item.window
+    start = (round(x) - left, round(y) - top, max(round(width), 1), max(round(height), 1))
+    _, (u, v, width_px, height_px) = cv2.meanShift(weights, start, CRITERIA)
+    held = weights[max(v, 0) : v + height_px, max(u, 0) : u + width_px]
+    if held.size and held.mean() >= MIN_WEIGHT:
+        item.window = (float(u + left), float(v + top), width, height)
+    else:
+        item.lost_frames += 1
+
+
+def _is_alive(item: _Object, shape: tuple[int, ...]) -> bool:
+    x, y = _centre(item.window)
+    inside = 1 < x < shape[1] - 1 and 1 < y < shape[0] - 1
+    # A car that stops fades from the mask and lives on by its colours; anything else does not.
+    missed = item.lost_frames if item.is_car else item.unseen_frames
+    return inside and missed <= MAX_MISSED_FRAMES
+
+
+def _without_doubles(objects: list[_Object]) -> list[_Object]:
+    """Of two objects whose windows share their centres keep the older."""
+    kept: list[_Object] = []
+    for item in objects:
+        centre = _centre(item.window)
+        if not any(
+            _contains(o.window, centre) and _contains(item.window, _centre(o.window)) for o in kept
+        ):
+            kept.append(item)
+    return kept
+
+
+def _crop(image: Image, box: Box) -> Image:
+    x, y, width, height = box
+    left, top = max(int(x), 0), max(int(y), 0)
+    right, bottom = max(int(x + width), left + 1), max(int(y + height), top + 1)
+    cropped = image[min(top, image.shape[0] - 1) : bottom, min(left, image.shape[1] - 1) : right]
+    return np.ascontiguousarray(cropped)
+
+
+def _grown(box: Box) -> Box:
+    x, y, width, height = box
+    margin = max(width, height) / 2
+    return x - margin, y - margin, width + 2 * margin, height + 2 * margin
+
+
+def _centre(box: Box) -> tuple[float, float]:
+    return box[0] + box[2] / 2, box[1] + box[3] / 2
+
+
+def _contains(box: Box, point: tuple[float, float]) -> bool:
+    x, y, width, height = box
+    return x <= point[0] <= x + width and y <= point[1] <= y + height
+
+
+def _distance(a: tuple[float, float], b: tuple[float, float]) -> float:
+    return float(np.hypot(a[0] - b[0], a[1] - b[1]))

@@ -1,0 +1,1 @@
+"""Pure traffic: the road (axis, lanes), the queue at one instant, its state over time."""

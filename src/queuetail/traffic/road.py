@@ -1,0 +1,101 @@
+"""Linear referencing: ENU metres ↔ station, offset and lane of an approach."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from queuetail.types import Approach, Bools, Floats, Ints, RoadVehicles, Tracks
+
+EDGE_MARGIN_M = 1.75  # half a lane: a wheel over the edge line is still on the approach
+
+
+def locate(approach: Approach, enu: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return station, offset (metres to the left) and course (unit vectors) at points (n, 2).
+
+    Beyond its ends the axis goes on straight.
+    """
+    axis = approach.axis_enu
+    legs = np.diff(axis, axis=0)
+    lengths = np.linalg.norm(legs, axis=1)
+    units = legs / lengths[:, None]
+    starts = approach.start_station_m + np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
+    relative = enu[:, None, :] - axis[None, :-1, :]
+    along = (relative * units).sum(axis=2)
+    lower, upper = np.zeros(len(legs)), lengths.copy()
+    lower[0], upper[-1] = -np.inf, np.inf
+    clipped = np.clip(along, lower, upper)
+    gap = relative - clipped[..., None] * units
+    nearest = np.argmin((gap**2).sum(axis=2), axis=1)
+    rows = np.arange(len(enu))
+    course = units[nearest]
+    aside = relative[rows, nearest]
+    offset = course[:, 0] * aside[:, 1] - course[:, 1] * aside[:, 0]
+    return starts[nearest] + clipped[rows, nearest], offset, course
+
+
+def place(approach: Approach, station_m: Floats, offset_m: Floats) -> Floats:
+    """Return the ENU points at stations and offsets, (n,), (n,) -> (n, 2); inverse of `locate`."""
+    axis = approach.axis_enu
+    legs = np.diff(axis, axis=0)
+    lengths = np.linalg.norm(legs, axis=1)
+    starts = np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
+    along = np.asarray(station_m) - approach.start_station_m
+    leg = np.clip(np.searchsorted(starts, along, side="right") - 1, 0, len(legs) - 1)
+    unit = legs[leg] / lengths[leg][:, None]
+    left = np.column_stack([-unit[:, 1], unit[:, 0]])
+    return np.asarray(
+        axis[leg] + (along - starts[leg])[:, None] * unit + np.asarray(offset_m)[:, None] * left
+    )
+
+
+def assign(tracks: Tracks, approaches: Sequence[Approach]) -> RoadVehicles:
+    """Put every track on the approach and lane that it is on, if any."""
+    n = len(tracks)
+    chosen: Ints = np.full(n, -1)
+    lane: Ints = np.zeros(n, np.int64)
+    station, offset, speed = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
+    excess = np.full(n, np.inf)
+    for index, approach in enumerate(approaches):
+        s, d, course = locate(approach, tracks.enu)
+        along = (tracks.velocity_mps * course).sum(axis=1)
+        width = approach.lanes * approach.lane_width_m
+        outside = np.maximum(np.maximum(d, -width - d), 0.0)
+        # A vehicle that drives the other way fits its own carriageway better, if there is one.
+        wrong_way = along < -1.0
+        better = (outside <= EDGE_MARGIN_M) & (outside + 10.0 * wrong_way < excess)
+        chosen[better], excess[better] = index, (outside + 10.0 * wrong_way)[better]
+        station[better], offset[better], speed[better] = s[better], d[better], along[better]
+        lane[better] = _lane(d[better], approach)
+    return RoadVehicles(
+        tracks=tracks,
+        approach=chosen,
+        lane=lane,
+        station_m=station,
+        offset_m=offset,
+        speed_mps=speed,
+        rear_station_m=station - tracks.length_m / 2,
+        queued=np.zeros(n, np.bool_),
+    )
+
+
+class KnownRoad:
+    """A road whose approaches are given, as by a site file."""
+
+    def __init__(self, approaches: tuple[Approach, ...]) -> None:
+        self.approaches = approaches
+
+    def locate(self, tracks: Tracks) -> RoadVehicles:
+        """Return the tracks on the approaches."""
+        return assign(tracks, self.approaches)
+
+
+def is_on(vehicles: RoadVehicles, approach_index: int) -> Bools:
+    """Return which vehicles are on one approach."""
+    return np.asarray(vehicles.approach == approach_index)
+
+
+def _lane(offset_m: Floats, approach: Approach) -> Ints:
+    lane = np.floor(-offset_m / approach.lane_width_m).astype(np.int64) + 1
+    return np.clip(lane, 1, approach.lanes)

@@ -1,0 +1,1 @@
+"""Pure vision: views, background models, blobs; metres never enter the blob finder."""
