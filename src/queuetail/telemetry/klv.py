@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
 from stanag4609.errors import Stanag4609Error
+from stanag4609.klv.ber import decode_ber_length
 from stanag4609.klv.checksum import running_sum_16
 from stanag4609.klv.local_set import encode_local_set, parse_local_set
 from stanag4609.klv.model import KLVPacket
-from stanag4609.klv.stream import KLVStreamParser
 from stanag4609.st0601 import ST0601_KEY, FieldDecodingMode, decode_uas_local_set
 
 from queuetail.errors import InputError
@@ -19,8 +19,9 @@ from queuetail.telemetry.reading import Reading
 from queuetail.types import TelemetrySample
 
 KEY_START = b"\x06\x0e\x2b\x34"  # of every SMPTE universal label (ST 336)
-OLD_SET_START = b"\x06\x0e\x2b\x34\x02\x01\x01"  # EG 0104 and other universal sets
 LATITUDE, LONGITUDE, HFOV, TIME, CHECKSUM = 13, 14, 16, 2, 1
+KEY_BYTES, MAX_LENGTH_BYTES, CHECKSUM_BYTES = 16, 9, 4
+CHECKSUM_HEAD = b"\x01\x02"  # tag 1, two bytes: always the last item
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 # Only these are decoded: a fault in any other item must not cost the whole packet.
 TAGS = frozenset(
@@ -63,38 +64,53 @@ def is_klv(head: bytes) -> bool:
 
 
 def decode(data: bytes, losses: Losses) -> list[Packet]:
-    """Decode all complete packets in `data`, counting those that are of no use."""
-    parser = KLVStreamParser(recover=True, canonical=False, validate_smpte_keys=False)
-    try:
-        found = parser.feed(data)
-    except Stanag4609Error:
-        found = []
-        losses.malformed += 1
-        losses.packets += 1
-    if parser.buffered_bytes >= len(ST0601_KEY):
-        losses.packets += 1
-        losses.malformed += 1
+    """Decode all complete packets in `data`, counting those that are of no use.
+
+    After a damaged packet the search goes on at the next key, inside it if need be.
+    """
     packets = []
-    for raw in found:
+    start = data.find(KEY_START)
+    while start >= 0:
         losses.packets += 1
+        raw = _frame(data, start)
         packet = _decode_one(raw, losses)
         if packet is not None:
             packets.append(packet)
+        if raw is not None and (packet is not None or raw.key != ST0601_KEY):
+            start = data.find(KEY_START, start + len(raw.raw))
+        else:
+            start = data.find(ST0601_KEY, start + KEY_BYTES)
     return packets
 
 
-def _decode_one(raw: KLVPacket, losses: Losses) -> Packet | None:
+def _frame(data: bytes, start: int) -> KLVPacket | None:
+    """Return the packet whose key is at `start`; None where it is not complete."""
+    body = start + KEY_BYTES
+    try:
+        length, used = decode_ber_length(data[body : body + MAX_LENGTH_BYTES], canonical=False)
+    except Stanag4609Error:
+        return None
+    end = body + used + length
+    if end > len(data):
+        return None
+    return KLVPacket(data[start:body], data[body + used : end], data[body : body + used], start)
+
+
+def _decode_one(raw: KLVPacket | None, losses: Losses) -> Packet | None:
+    if raw is None:
+        losses.malformed += 1
+        return None
     if raw.key != ST0601_KEY:
         losses.old += 1
         return None
+    if raw.value[-CHECKSUM_BYTES:-2] != CHECKSUM_HEAD:
+        losses.malformed += 1
+        return None
+    if running_sum_16(raw.raw[:-2]).to_bytes(2, "big") != raw.value[-2:]:
+        losses.checksum += 1
+        return None
     try:
         items = parse_local_set(raw.value, canonical=False).items
-        if not items or items[-1].tag != CHECKSUM:
-            losses.malformed += 1
-            return None
-        if running_sum_16(raw.raw[:-2]).to_bytes(2, "big") != items[-1].value:
-            losses.checksum += 1
-            return None
         wanted = {item.tag: item for item in items if item.tag in TAGS}
         ordered = sorted(wanted.values(), key=lambda item: item.tag != TIME)
         value = encode_local_set([*ordered, items[-1]])
