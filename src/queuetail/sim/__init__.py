@@ -1,0 +1,1 @@
+"""Synthetic flights with exact ground truth: SUMO moves vehicles, a pinhole camera draws."""
