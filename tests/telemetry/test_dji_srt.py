@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from pathlib import Path
 
+import av
 import pytest
 
 from queuetail.errors import InputError
 from queuetail.telemetry import FlightLog, read_telemetry
+from queuetail.telemetry.container import subtitle_text
 from queuetail.telemetry.lens import effective_focals, hfov_from_equivalent
 from queuetail.telemetry.read import VideoClock
 
@@ -204,3 +207,30 @@ def test_digital_zoom_is_applied_once(
 def test_a_real_focal_length_is_not_taken_for_an_equivalent(tmp_path: Path) -> None:
     flight = read(tmp_path, "[fnum : 280] [focal_len : 88] [latitude: 1.5] [longitude: 2.5] ")
     assert flight.at(0).hfov_deg is None
+
+
+def test_subtitles_inside_a_video(tmp_path: Path, flagger: Path) -> None:
+    path = tmp_path / "flight.mkv"
+    with (
+        av.open(str(flagger / "flight.srt")) as srt,
+        av.open(str(flagger / "flight.mp4")) as mp4,
+        av.open(str(path), "w", format="matroska") as both,
+    ):
+        pairs = [
+            (source.demux(source.streams[0]), both.add_stream_from_template(source.streams[0]))
+            for source in (mp4, srt)
+        ]
+        for packets, stream in pairs:
+            for packet in islice(packets, 60):
+                if packet.size:
+                    packet.stream = stream
+                    both.mux(packet)
+    inside, beside = read_telemetry(path), read_telemetry(flagger / "flight.srt")
+    assert len(inside.samples) == 60
+    assert inside.at(3.3).height_agl_m == pytest.approx(beside.at(3.3).height_agl_m, abs=0.01)
+
+
+def test_subtitles_as_quicktime_stores_them() -> None:
+    text = b"[latitude: 1.5] [longitude: 2.5]"
+    assert subtitle_text(len(text).to_bytes(2, "big") + text + b"styl") == text.decode() + "\n"
+    assert subtitle_text(text) == text.decode() + "\n"

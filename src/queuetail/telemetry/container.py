@@ -93,7 +93,7 @@ def _demux(container: InputContainer) -> _Found:
                     found.video_before_klv_s = last_video_s
                 found.packets += [(time_s, one) for one in decode(body, found.losses)]
             elif kind == "subtitle" and packet.size:
-                found.cues.append(Cue(time_s, _subtitle_text(bytes(packet))))
+                found.cues.append(Cue(time_s, subtitle_text(bytes(packet))))
     except av.FFmpegError:
         found.is_cut = True
     return found
@@ -113,7 +113,7 @@ def _klv_reading(found: _Found, source: str) -> Reading:
     return Reading(samples, (*reading.notes, note))
 
 
-def _subtitle_text(body: bytes) -> str:
+def subtitle_text(body: bytes) -> str:
     """Return the text of a subtitle packet, with or without mov_text's length in front."""
     length = int.from_bytes(body[:LENGTH_BYTES], "big")
     has_length = LENGTH_BYTES + length <= len(body) and body[:1] < b" "

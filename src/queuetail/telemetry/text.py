@@ -15,6 +15,7 @@ BOMS = (
 )
 TEXT_CONTROLS = set(b"\t\n\r\f\x1a")
 DELIMITERS = ",;\t|"
+HEADER_CHARS = 20_000  # a header line is shorter; a text without line ends must not stall here
 
 
 def decode_text(data: bytes) -> str | None:
@@ -99,7 +100,7 @@ class Numbers:
 
 def header_line(text: str) -> str:
     """Return the first line that says anything."""
-    return next((line for line in text.splitlines() if line.strip()), "")
+    return next((line for line in text[:HEADER_CHARS].splitlines() if line.strip()), "")
 
 
 def delimiter_of(text: str) -> str:
