@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from queuetail.types import CameraPose, Floats, Intrinsics
+from queuetail.types import Bools, CameraPose, Floats, Intrinsics
 
 UNDISTORT_ITERATIONS = 20
 
@@ -67,13 +67,42 @@ def distort(xy: Floats, coefficients: tuple[float, ...]) -> Floats:
 
 
 def undistort(xy: Floats, coefficients: tuple[float, ...]) -> Floats:
-    """Undo :func:`distort` by fixed-point iteration; NaN where the lens model does not invert."""
+    """Undo :func:`distort` by Newton's method; NaN where the lens model does not invert.
+
+    Plain fixed-point iteration is still wrong by pixels at the edge of a wide barrel lens.
+    """
     guess = xy.copy()
     with np.errstate(all="ignore"):
         for _ in range(UNDISTORT_ITERATIONS):
-            guess = guess + (xy - distort(guess, coefficients))
-        settled = np.abs(distort(guess, coefficients) - xy).max(axis=1, initial=0.0) < 1e-6
+            a, b, d = _distortion_jacobian(guess, coefficients)
+            x, y = (xy - distort(guess, coefficients)).T
+            step = np.column_stack([d * x - b * y, a * y - b * x]) / (a * d - b * b)[:, None]
+            guess = guess + step
+        settled = np.abs(distort(guess, coefficients) - xy).max(axis=1, initial=0.0) < 1e-9
+        settled &= _is_unfolded(guess, coefficients)
     return np.where(settled[:, None], guess, np.nan)
+
+
+def _distortion_jacobian(
+    xy: Floats, coefficients: tuple[float, ...]
+) -> tuple[Floats, Floats, Floats]:
+    """Return a, b, d of the symmetric Jacobian [[a, b], [b, d]] of :func:`distort`."""
+    k1, k2, p1, p2, k3 = (*coefficients, *([0.0] * (5 - len(coefficients))))
+    x, y = xy[:, 0], xy[:, 1]
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    slope = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))  # d radial / d x = slope * x
+    return (
+        radial + slope * x * x + 2 * p1 * y + 6 * p2 * x,
+        slope * x * y + 2 * p1 * x + 2 * p2 * y,
+        radial + slope * y * y + 6 * p1 * y + 2 * p2 * x,
+    )
+
+
+def _is_unfolded(xy: Floats, coefficients: tuple[float, ...]) -> Bools:
+    """Return where the lens model still runs outwards; beyond, it folds back into the picture."""
+    a, b, d = _distortion_jacobian(xy, coefficients)
+    return np.asarray((a + d > 0) & (a * d - b * b > 0), np.bool_)
 
 
 def undistort_px(px: Floats, lens: Intrinsics) -> Floats:
@@ -85,17 +114,20 @@ def undistort_px(px: Floats, lens: Intrinsics) -> Floats:
 
 
 def distort_px(px: Floats, lens: Intrinsics) -> Floats:
-    """Undo :func:`undistort_px`, (n, 2) -> (n, 2)."""
+    """Undo :func:`undistort_px`, (n, 2) -> (n, 2); NaN for what is too far aside for the lens."""
     if not lens.distortion:
         return px
     scale, centre = np.array([lens.fx_px, lens.fy_px]), np.array([lens.cx_px, lens.cy_px])
-    return distort((px - centre) / scale, lens.distortion) * scale + centre
+    xy = (px - centre) / scale
+    with np.errstate(over="ignore", invalid="ignore"):  # of points next to the horizon
+        shown = distort(xy, lens.distortion) * scale + centre
+        return np.where(_is_unfolded(xy, lens.distortion)[:, None], shown, np.nan)
 
 
 def project(points_m: Floats, pose: CameraPose) -> Floats:
     """Project ENU points relative to the ground below the camera, (n, 3) metres -> (n, 2) pixels.
 
-    Points behind the camera give NaN.
+    Points behind the camera, or too far aside for a lens with distortion, give NaN.
     """
     R = rotation_enu_camera(pose.yaw_deg, pose.pitch_deg, pose.roll_deg)
     seen = (points_m - np.array([0.0, 0.0, pose.height_agl_m])) @ R

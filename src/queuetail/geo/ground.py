@@ -10,19 +10,22 @@ from queuetail.geo.camera import camera_matrix, distort_px, rotation_enu_camera,
 from queuetail.geo.earth import enu_from_geodetic
 from queuetail.types import CameraPose, Floats, GroundMapping, Intrinsics, Origin, PoseSigma
 
+MIN_ASPECT = 1e-3  # of the spread of control points: a road 2 m wide and 2 km long
+
 
 def apply_homography(H: Floats, points: Floats) -> Floats:
     """Map points by a homography, (n, 2) -> (n, 2); NaN where they lie on its far side (w <= 0)."""
     x, y = points[..., 0], points[..., 1]
     w = H[2, 0] * x + H[2, 1] * y + H[2, 2]
     w = np.where(w > 0, w, np.nan)
-    return np.stack(
-        [
-            (H[0, 0] * x + H[0, 1] * y + H[0, 2]) / w,
-            (H[1, 0] * x + H[1, 1] * y + H[1, 2]) / w,
-        ],
-        axis=-1,
-    )
+    with np.errstate(over="ignore"):  # of points next to the horizon
+        return np.stack(
+            [
+                (H[0, 0] * x + H[0, 1] * y + H[0, 2]) / w,
+                (H[1, 0] * x + H[1, 1] * y + H[1, 2]) / w,
+            ],
+            axis=-1,
+        )
 
 
 def mapping_from_pose(
@@ -64,6 +67,10 @@ def mapping_from_control_points(
     if len(px) < 4:
         raise ValueError(f"{len(px)} control points given, at least 4 are needed")
     ideal = undistort_px(px, lens) if lens else px
+    if not np.isfinite(ideal).all():
+        raise ValueError("a control point lies where the lens, by its distortion, sees nothing")
+    if _on_a_line(ideal) or _on_a_line(enu):
+        raise ValueError("the control points are nearly on a line; spread them over the road")
     H = _direct_linear_transform(ideal, enu)
     w = ideal @ H[2, :2] + H[2, 2]
     if not (np.all(w > 0) or np.all(w < 0)):
@@ -133,14 +140,21 @@ def _direct_linear_transform(source: Floats, target: Floats) -> Floats:
     )
     _, singular, Vt = np.linalg.svd(rows)
     if singular[7] < 1e-6 * singular[0]:
-        raise ValueError("the control points are nearly on a line; spread them over the road")
+        raise ValueError("three of four control points are nearly on a line; spread them more")
     return np.asarray(np.linalg.inv(T) @ Vt[-1].reshape(3, 3) @ S)
+
+
+def _on_a_line(points: Floats) -> bool:
+    """True where points (n, 2) spread a thousand times less across than along."""
+    centred = points - points.mean(axis=0)
+    if not centred.any():
+        raise ValueError("the control points are all at the same place")
+    along, across = np.linalg.svd(centred, compute_uv=False)
+    return bool(across < MIN_ASPECT * along)
 
 
 def _normalising(points: Floats) -> Floats:
     centre = points.mean(axis=0)
     spread = np.linalg.norm(points - centre, axis=1).mean()
-    if not spread > 0:
-        raise ValueError("the control points are all at the same place")
     s = np.sqrt(2) / spread
     return np.array([[s, 0, -s * centre[0]], [0, s, -s * centre[1]], [0, 0, 1.0]])

@@ -33,13 +33,14 @@ def ground_offset_m(px: Floats, pose: CameraPose) -> Floats:
     across_px = px[:, 0] - lens.cx_px
     depression = -math.radians(pose.pitch_deg) - np.arctan(up_px / lens.fy_px)  # (1)
     depression = np.where(np.sin(depression) > 0, depression, np.nan)
-    slant_m = pose.height_agl_m / np.sin(depression)  # (2)
-    forward_m = slant_m * np.cos(depression)  # (3)
-    across = np.arctan(across_px / np.hypot(lens.fx_px, up_px))  # (4)
-    sideways_m = slant_m * np.tan(across)  # (5)
-    yaw = math.radians(pose.yaw_deg)
-    east = forward_m * math.sin(yaw) + sideways_m * math.cos(yaw)  # (6)
-    north = forward_m * math.cos(yaw) - sideways_m * math.sin(yaw)
+    with np.errstate(over="ignore", invalid="ignore"):  # of pixels next to the horizon
+        slant_m = pose.height_agl_m / np.sin(depression)  # (2)
+        forward_m = slant_m * np.cos(depression)  # (3)
+        across = np.arctan(across_px / np.hypot(lens.fx_px, up_px))  # (4)
+        sideways_m = slant_m * np.tan(across)  # (5)
+        yaw = math.radians(pose.yaw_deg)
+        east = forward_m * math.sin(yaw) + sideways_m * math.cos(yaw)  # (6)
+        north = forward_m * math.cos(yaw) - sideways_m * math.sin(yaw)
     return np.column_stack([east, north])
 
 
