@@ -10,6 +10,7 @@ import pytest
 from queuetail.errors import InputError
 from queuetail.telemetry import FlightLog, read_telemetry
 from queuetail.telemetry.read import VideoClock
+from queuetail.telemetry.reading import stamp_of
 
 OWN = "t_s,lat,lon,height_agl_m,heading_deg\n0,36.1,-97.0,100,350\n1,36.1,-97.0,110,10\n"
 AIRDATA = (
@@ -91,6 +92,31 @@ def test_utc_starts_at_the_videos_own_start(tmp_path: Path) -> None:
         flight = read(tmp_path, content, clock)
         assert flight.span_s == (0, 19)
         assert any("first sample is taken as the video's first frame" in n for n in flight.notes)
+
+
+def test_a_clock_that_was_not_set_yet_is_dropped(tmp_path: Path) -> None:
+    late = "".join(f"2026-06-01T14:00:{s:02d}Z,{s}\n" for s in range(9))
+    flight = read(tmp_path, "utc,height_agl_m\n1970-01-01T00:00:00Z,7\n" + late)
+    assert flight.span_s == (0, 8)
+    assert any("1 of 10 samples: dropped (clock over a day off" in note for note in flight.notes)
+
+
+@pytest.mark.parametrize(
+    ("text", "microsecond"),
+    [
+        ("2017.08.05 14:11:51,393,525", 393_000),
+        ("2017-08-05 14:11:51.393", 393_000),
+        ("2017/8/5 14:11:51", 0),
+        ("2017-08-05T16:11:51+02:00", 0),
+    ],
+)
+def test_stamps(text: str, microsecond: int) -> None:
+    assert stamp_of(text) == datetime(2017, 8, 5, 14, 11, 51, microsecond, tzinfo=UTC)
+
+
+def test_no_stamps() -> None:
+    assert stamp_of("2017.13.05 14:11:51") is None
+    assert stamp_of("yesterday") is None
 
 
 def test_utc_with_another_zone(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import math
 import random
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from queuetail.errors import InputError
@@ -75,6 +75,7 @@ def test_angles_turn_the_short_way(field: str, first: float, second: float, midd
     assert getattr(flight.at(0.5), field) == pytest.approx(middle, abs=1e-9)
 
 
+@settings(deadline=None)
 @given(ANGLES, ANGLES, st.floats(0, 1))
 def test_heading_stays_within_the_short_arc(first: float, second: float, share: float) -> None:
     heading = log(at(0, heading_deg=first), at(1, heading_deg=second)).at(share).heading_deg
@@ -84,6 +85,7 @@ def test_heading_stays_within_the_short_arc(first: float, second: float, share: 
     assert abs((heading - first + 180) % 360 - 180) <= arc + 1e-9
 
 
+@settings(deadline=None)
 @given(st.lists(st.tuples(TIMES, st.floats(-50, 500)), min_size=2, max_size=20), TIMES)
 def test_a_value_never_leaves_the_range_of_its_log(
     pairs: list[tuple[float, float]], t_s: float
@@ -93,6 +95,7 @@ def test_a_value_never_leaves_the_range_of_its_log(
     assert value is None or min(heights) - 1e-9 <= value <= max(heights) + 1e-9
 
 
+@settings(deadline=None)
 @given(
     st.lists(
         st.tuples(TIMES, st.floats(-50, 500)), min_size=1, max_size=20, unique_by=lambda p: p[0]

@@ -10,9 +10,10 @@ from typing import Any
 import av
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from stanag4609.st0601 import encode_uas_local_set
+from stanag4609.klv.checksum import running_sum_16
+from stanag4609.st0601 import ST0601_KEY, encode_uas_local_set
 
 from queuetail.errors import InputError
 from queuetail.geo.camera import rotation_enu_camera
@@ -53,6 +54,7 @@ def test_the_chain_is_composed_and_not_added() -> None:
     assert (yaw, pitch) == (pytest.approx(270), pytest.approx(0, abs=1e-9))
 
 
+@settings(deadline=None)
 @given(st.floats(0, 359.9), st.floats(-89, 89), st.floats(-179, 179))
 def test_angles_come_back_from_the_rotation(yaw: float, pitch: float, roll: float) -> None:
     found = angles_of(rotation_ned(yaw, pitch, roll))
@@ -60,6 +62,7 @@ def test_angles_come_back_from_the_rotation(yaw: float, pitch: float, roll: floa
     assert found[1] == pytest.approx(pitch, abs=1e-6)
 
 
+@settings(deadline=None)
 @given(st.floats(0, 359.9), st.floats(-89.9, 89), st.floats(-179, 179))
 def test_the_convention_is_that_of_the_camera_model(yaw: float, pitch: float, roll: float) -> None:
     forward_right_down = rotation_ned(yaw, pitch, roll)
@@ -138,6 +141,15 @@ def test_a_wrong_length_does_not_swallow_the_packets_after_it(tmp_path: Path) ->
     path = tmp_path / "flight.bin"
     path.write_bytes(bytes(long) + packet(1) + packet(2))
     assert [s.t_s for s in read_telemetry(path).samples] == [0, 1]
+
+
+def test_a_time_stamp_beyond_all_calendars_is_malformed(tmp_path: Path) -> None:
+    body = b"\x02\x08" + b"\xff" * 8 + b"\x01\x02"
+    head = ST0601_KEY + bytes([len(body) + 2]) + body
+    path = tmp_path / "flight.bin"
+    path.write_bytes(head + running_sum_16(head).to_bytes(2, "big"))
+    with pytest.raises(InputError, match="KLV packets"):
+        read_telemetry(path)
 
 
 def test_missing_and_unmeasured_items_are_none(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 from queuetail.errors import InputError
-from queuetail.telemetry.reading import Reading, VideoClock, as_utc
+from queuetail.telemetry.reading import Reading, VideoClock, stamp_of
 from queuetail.telemetry.text import Numbers, Row, Table, column_names, read_table
 from queuetail.types import TelemetrySample
 
@@ -148,11 +148,10 @@ def _stamp(row: Row, column: str | None, numbers: Numbers) -> datetime | None:
     cell = row.cells.get(column) if column is not None else None
     if cell is None:
         return None
-    try:
-        return as_utc(datetime.fromisoformat(cell))
-    except ValueError:
+    stamp = stamp_of(cell)
+    if stamp is None:
         numbers.reject(row, column or "", cell)
-        return None
+    return stamp
 
 
 def _spread(stamps: Sequence[float | None]) -> list[float | None]:

@@ -19,7 +19,7 @@ from queuetail.telemetry.klv import (
     reading_of,
     refuse_without,
 )
-from queuetail.telemetry.reading import Reading, VideoClock
+from queuetail.telemetry.reading import Reading, VideoClock, without_strays
 
 LENGTH_BYTES = 2  # before the text of a mov_text packet (3GPP TS 26.245)
 
@@ -105,9 +105,11 @@ def _klv_reading(found: _Found, source: str) -> Reading:
     if timed:
         return reading_of(timed, found.losses)
     # Synchronous KLV may come without PTS: its own clock, from the picture it was stored beside.
-    reading = reading_by_stamps([packet for _, packet in found.packets], source, found.losses)
+    packets = [packet for _, packet in found.packets]
+    reading = without_strays(reading_by_stamps(packets, source, found.losses))
+    start_s = min(sample.t_s for sample in reading.samples)
     beside_s = found.video_before_klv_s
-    shift_s = 0.0 if beside_s is None else beside_s - first_s
+    shift_s = (0.0 if beside_s is None else beside_s - first_s) - start_s
     samples = [replace(sample, t_s=sample.t_s + shift_s) for sample in reading.samples]
     note = "KLV packets carry no presentation time; their own time stamps were used"
     return Reading(samples, (*reading.notes, note))

@@ -11,7 +11,7 @@ from queuetail.telemetry.lens import (
     hfov_from_equivalent,
     zoom_ratio,
 )
-from queuetail.telemetry.reading import Reading, as_utc
+from queuetail.telemetry.reading import Reading, stamp_of
 from queuetail.telemetry.text import Numbers, Row, column_names, read_table
 from queuetail.types import TelemetrySample
 
@@ -67,8 +67,7 @@ def _stamp_of(row: Row, column: str, numbers: Numbers) -> datetime | None:
     cell = row.cells.get(column)
     if cell is None:
         return None
-    try:
-        return as_utc(datetime.fromisoformat(cell))
-    except ValueError:
+    stamp = stamp_of(cell)
+    if stamp is None:
         numbers.reject(row, column, cell)
-        return None
+    return stamp

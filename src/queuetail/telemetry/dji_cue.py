@@ -53,7 +53,10 @@ def facts_of(text: str, order: GpsOrder) -> CueFacts:
     """Read one cue's text; `order` is that of the numbers in GPS(…)."""
     values = {key.lower(): value for key, value in KEY_VALUE.findall(text)}
     lat, lon = _position(text, values, order)
-    yaw, pitch, roll = (_number(values.get(key)) for key in ("gb_yaw", "gb_pitch", "gb_roll"))
+    yaw, pitch, roll = (
+        _number(values.get(f"gb_{axis}", values.get(f"gimbal_{axis}")))
+        for axis in ("yaw", "pitch", "roll")
+    )
     gimbal = GIMBAL_PRY.search(text)
     if gimbal:
         pitch, roll, yaw = (float(angle) for angle in gimbal.groups())

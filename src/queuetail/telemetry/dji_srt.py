@@ -6,19 +6,16 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 
 from queuetail.errors import InputError
 from queuetail.telemetry.dji_cue import CueFacts, facts_of, gps_order
 from queuetail.telemetry.lens import effective_focals, hfov_from_equivalent
-from queuetail.telemetry.reading import Reading, VideoClock
+from queuetail.telemetry.reading import STAMP, Reading, VideoClock, stamp_of
 from queuetail.types import TelemetrySample
 
 CUE_TIME = re.compile(r"^\s*(\d{1,3}):(\d{1,2}):(\d{1,2})[,.](\d{1,3})\s*-->")
-CLOCK = re.compile(
-    r"(\d{4})[.-](\d{1,2})[.-](\d{1,2})[ T](\d{1,2}):(\d{2}):(\d{2})(?:[.,](\d{1,3}))?"
-)
-GPS_MARKS = re.compile(r"GPS\s*\(|HOME\s*\(|\[?\blatitude\s*:|\blong?t?itude\s*:", re.IGNORECASE)
+GPS_MARKS = re.compile(r"GPS\s*\(|HOME\s*\(|\blatitude\s*:", re.IGNORECASE)
 OFFSET_FROM_S = 10.0  # a file that starts later than this was cut from a longer recording
 
 # Heights, best first; files that give several keep to one, so that the datum never changes.
@@ -41,7 +38,7 @@ class Cue:
 def is_dji_srt(text: str) -> bool:
     """Tell whether the text has subtitle cues or DJI's own position keys."""
     head = text[:20_000]
-    if "-->" in head or (GPS_MARKS.search(head) and CLOCK.search(head)):
+    if "-->" in head or (GPS_MARKS.search(head) and STAMP.search(head)):
         return True
     return re.fullmatch(r"\s*\d*\s*", text) is not None  # cue numbers and nothing else: broken off
 
@@ -130,25 +127,13 @@ def _cues_by_clock(text: str) -> Iterable[Cue]:
     Cues that share one time are spread evenly over a second.
     """
     blocks = re.split(r"\n\s*\n", text)
-    timed = [(stamp, block) for block in blocks if (stamp := _clock_s(block)) is not None]
-    sharing = Counter(stamp for stamp, _ in timed)
-    seen: Counter[float] = Counter()
-    for stamp, block in timed:
-        yield Cue(stamp - timed[0][0] + seen[stamp] / sharing[stamp], block)
+    stamped = [(stamp, block) for block in blocks if (stamp := stamp_of(block)) is not None]
+    sharing = Counter(stamp for stamp, _ in stamped)
+    seen: Counter[datetime] = Counter()
+    for stamp, block in stamped:
+        since_first_s = (stamp - stamped[0][0]).total_seconds()
+        yield Cue(since_first_s + seen[stamp] / sharing[stamp], block)
         seen[stamp] += 1
-
-
-def _clock_s(block: str) -> float | None:
-    match = CLOCK.search(block)
-    if match is None:
-        return None
-    *parts, fraction = match.groups()
-    try:
-        year, month, day, hour, minute, second = map(int, parts)
-        whole_s = datetime(year, month, day, hour, minute, second, tzinfo=UTC).timestamp()
-    except ValueError:
-        return None
-    return whole_s + (float(f"0.{fraction}") if fraction else 0.0)
 
 
 def _best_height(facts: Sequence[CueFacts]) -> tuple[str | None, list[str]]:

@@ -121,7 +121,7 @@ def _decode_one(raw: KLVPacket | None, losses: Losses) -> Packet | None:
             require_version=False,
             field_decoding=FieldDecodingMode.PRESERVE,
         )
-    except (Stanag4609Error, ValueError):
+    except (Stanag4609Error, ValueError, ArithmeticError):
         losses.malformed += 1
         return None
     values: dict[int, float] = {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 
 from queuetail.errors import InputError
-from queuetail.telemetry.reading import Reading, as_utc
+from queuetail.telemetry.reading import Reading, stamp_of
 from queuetail.telemetry.text import Numbers, Row, Table, column_names, read_table
 from queuetail.types import TelemetrySample
 
@@ -75,11 +75,10 @@ def _time_of(row: Row, numbers: Numbers) -> float | datetime | None:
     stamp = row.cells.get("utc")
     if stamp is None:
         return None
-    try:
-        return as_utc(datetime.fromisoformat(stamp))
-    except ValueError:
+    when = stamp_of(stamp)
+    if when is None:
         numbers.reject(row, "utc", stamp)
-        return None
+    return when
 
 
 def _notes_on_columns(table: Table, source: str) -> tuple[str, ...]:

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import re
+import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
 from queuetail.types import TelemetrySample
+
+STAMP = re.compile(
+    r"(\d{4})[-./](\d{1,2})[-./](\d{1,2})[ T](\d{1,2}):(\d{2}):(\d{2})(?:[.,](\d{1,6}))?"
+)
+STRAY_S = 86_400.0  # no flight lasts a day: such a time is a clock that was not set yet
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +42,39 @@ def as_utc(when: datetime) -> datetime:
     return when.replace(tzinfo=UTC) if when.tzinfo is None else when.astimezone(UTC)
 
 
+def stamp_of(text: str) -> datetime | None:
+    """Return the first date and time in `text`, in UTC unless it names a zone; None without any.
+
+    Reads ISO 8601 and DJI's 2017.08.05 14:11:51,393,525 (milliseconds, then microseconds).
+    """
+    try:
+        return as_utc(datetime.fromisoformat(text.strip()))
+    except ValueError:
+        match = STAMP.search(text)
+    if match is None:
+        return None
+    *parts, fraction = match.groups()
+    year, month, day, hour, minute, second = map(int, parts)
+    microsecond = int((fraction or "0").ljust(6, "0"))
+    try:
+        return datetime(year, month, day, hour, minute, second, microsecond, tzinfo=UTC)
+    except ValueError:
+        return None
+
+
+def without_strays(reading: Reading) -> Reading:
+    """Drop the samples whose clock is over a day away from the others'."""
+    if not reading.samples:
+        return reading
+    middle_s = statistics.median_low([sample.t_s for sample in reading.samples])
+    kept = [sample for sample in reading.samples if abs(sample.t_s - middle_s) <= STRAY_S]
+    strays = len(reading.samples) - len(kept)
+    if not strays:
+        return reading
+    note = f"{strays} of {len(reading.samples)} samples: dropped (clock over a day off the others)"
+    return replace(reading, samples=kept, notes=(*reading.notes, note))
+
+
 def align(reading: Reading, video: VideoClock) -> Reading:
     """Return the reading with its clock times moved to seconds after the video's first frame.
 
@@ -43,9 +83,10 @@ def align(reading: Reading, video: VideoClock) -> Reading:
     """
     if reading.first_utc is None or not reading.samples:
         return reading
+    reading = without_strays(reading)
     times = [sample.t_s for sample in reading.samples]
     first, last = min(times), max(times)
-    if video.start_utc is not None:
+    if video.start_utc is not None and reading.first_utc is not None:
         start_s = (as_utc(video.start_utc) - as_utc(reading.first_utc)).total_seconds()
         if first <= start_s <= last:
             return _moved(reading, -start_s, "times follow the video's own start time in UTC")
