@@ -1,0 +1,211 @@
+"""Every carriageway and direction found from how vehicles went, with its lanes.
+
+The longest trajectory is the seed: from it a curve is traced along the traffic's courses, bent
+until the vehicles beside it keep their offsets, and the offsets are sorted into lanes.  What the
+lanes explain is taken out, and the next longest trajectory is the next seed.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from queuetail.traffic.centreline import fit, resample, shift_aside, trace
+from queuetail.traffic.discovery import course_name
+from queuetail.traffic.lanes import Lanes, fit_lanes
+from queuetail.traffic.paths import Samples, Trajectory, extent_m, sample
+from queuetail.traffic.road import locate
+from queuetail.types import Approach, Bools, Floats, Ints
+
+__all__ = ["Trajectory", "discover"]
+
+MIN_MOVED_M = 20.0
+MIN_VEHICLES = 3
+MIN_TOTAL_M = 150.0  # of two vehicles together: as good as a third one
+REACH_ASIDE_M = 25.0  # of the trace: who may be on the same carriageway
+SAME_WAY_COS = float(np.cos(np.radians(25.0)))
+VOTE_SAMPLES = 5  # a vehicle's mean offset over these is one vote for a lane
+MAX_DRIFT = 0.08  # metres aside per metre along: more is a change of lanes or another course
+LANE_KEEPING_M = 0.3
+FREE_M = 10.0  # an offset before anything is known of it
+AXIS_POINT_M = 15.0
+MAX_SEEDS = 60
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    approach: Approach
+    way_m: float  # that all vehicles on it went
+
+
+@dataclass(frozen=True, slots=True)
+class _Votes:
+    """Mean offsets of runs of samples; `vote` says which of them each sample is in (-1: none)."""
+
+    offset_m: Floats  # (v,)
+    owner: Ints  # (v,)
+    vote: Ints  # (n,)
+
+
+def discover(trajectories: Sequence[Trajectory]) -> tuple[Approach, ...]:
+    """Return the carriageways that the vehicles used, most traffic first; () until it is sure.
+
+    Sure means three vehicles that moved 20 m the same way, or two with 150 m together.  An axis
+    spans where traffic was seen; a ramp is an approach of its own from where it diverges.
+    """
+    free = sample(trajectories)
+    found: list[_Found] = []
+    for _ in range(MAX_SEEDS):
+        extents = extent_m(free, len(trajectories))
+        if not len(extents) or extents.max() < MIN_MOVED_M:
+            break
+        seed = int(np.argmax(extents))
+        carriageway = _carriageway(free, seed, len(trajectories))
+        taken = free.owner == seed
+        if carriageway is not None:
+            found.append(carriageway)
+            taken |= _explained(free, carriageway.approach)
+        free = _whole_runs(free, ~taken)
+    found.sort(key=lambda f: -f.way_m)
+    return _named([f.approach for f in found])
+
+
+def _carriageway(free: Samples, seed: int, owners: int) -> _Found | None:
+    """Find the carriageway that one trajectory is on, if enough others went its way."""
+    path = free.where(free.owner == seed)
+    middle = len(path) // 2
+    curve = trace(free, path.enu[middle], path.course[middle])
+    if len(curve) < 3:
+        return None
+    near = free.where(_beside(free, curve))
+    if not _sure(near, owners):
+        return None
+    group = np.unique(near.owner, return_inverse=True)[1]
+    curve, _ = fit(curve, near, group, np.zeros(group.max() + 1), FREE_M)
+    members = near
+    for _ in range(2):
+        votes = _votes(near, curve)
+        if not len(votes.offset_m):
+            return None
+        lanes = fit_lanes(votes.offset_m, votes.owner)
+        lane = lanes.index(votes.offset_m)
+        fits = np.abs(votes.offset_m - lanes.centres_m[lane]) < lanes.width_m / 2
+        used = (votes.vote >= 0) & fits[votes.vote]
+        members = near.where(used)
+        if not _sure(members, owners):
+            return None
+        curve, _ = _fit_to_lanes(curve, members, votes.vote[used], lanes, lane)
+    lanes = _lanes_of(members, curve, lanes)
+    axis = _spanned(resample(shift_aside(curve, lanes.left_edge_m), AXIS_POINT_M), members)
+    approach = Approach("", axis, 0.0, lanes.count, lanes.width_m)
+    return _Found(approach, float(extent_m(members, owners).sum()))
+
+
+def _sure(samples: Samples, owners: int) -> bool:
+    extents = extent_m(samples, owners)
+    moved = extents[extents >= MIN_MOVED_M]
+    return len(moved) >= MIN_VEHICLES or (len(moved) == 2 and float(moved.sum()) >= MIN_TOTAL_M)
+
+
+def _fit_to_lanes(
+    curve: Floats, members: Samples, vote: Ints, lanes: Lanes, lane: Ints
+) -> tuple[Floats, Floats]:
+    """Fit the curve with every vehicle held near the centre of the lane that it is in."""
+    pair = members.owner * lanes.count + lane[vote]
+    pairs, group = np.unique(pair, return_inverse=True)
+    return fit(curve, members, group, lanes.centres_m[pairs % lanes.count], LANE_KEEPING_M)
+
+
+def _lanes_of(members: Samples, curve: Floats, lanes: Lanes) -> Lanes:
+    """Return the lanes again, on the fitted curve."""
+    votes = _votes(members, curve)
+    return fit_lanes(votes.offset_m, votes.owner) if len(votes.offset_m) else lanes
+
+
+def _beside(samples: Samples, curve: Floats) -> Bools:
+    station, offset, course = locate(Approach("", curve), samples.enu)
+    length = float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum())
+    inside = (station > -AXIS_POINT_M) & (station < length + AXIS_POINT_M)
+    same_way = (course * samples.course).sum(axis=1) > SAME_WAY_COS
+    return np.asarray(inside & same_way & (np.abs(offset) < REACH_ASIDE_M))
+
+
+def _votes(samples: Samples, curve: Floats) -> _Votes:
+    """Return the mean offsets of runs of samples that keep to the curve's course."""
+    station, offset, _ = locate(Approach("", curve), samples.enu)
+    vote = np.full(len(samples), -1, np.int64)
+    means: list[float] = []
+    owners: list[int] = []
+    bounds = np.flatnonzero(np.diff(samples.owner, prepend=-1, append=-1))
+    for first, end in itertools.pairwise(bounds):
+        runs = max(1, (end - first) // VOTE_SAMPLES)
+        for rows in np.array_split(np.arange(first, end), runs):
+            along = station[rows] - station[rows].mean()
+            spread = along @ along
+            if len(rows) < 3 or not spread > 0:
+                continue
+            if abs(along @ offset[rows]) < MAX_DRIFT * spread:
+                vote[rows] = len(means)
+                means.append(float(np.median(offset[rows])))
+                owners.append(int(samples.owner[first]))
+    return _Votes(np.array(means), np.array(owners, np.int64), vote)
+
+
+def _spanned(axis: Floats, members: Samples) -> Floats:
+    """Cut the axis to, or lengthen it straight to, where its vehicles were seen."""
+    station, _, _ = locate(Approach("", axis), members.enu)
+    lengths = np.linalg.norm(np.diff(axis, axis=0), axis=1)
+    at = np.concatenate([[0.0], np.cumsum(lengths)])
+    first, last = float(station.min()), float(station.max())
+    inner = axis[(at > first + AXIS_POINT_M / 3) & (at < last - AXIS_POINT_M / 3)]
+    return np.concatenate([_at(axis, at, first), inner, _at(axis, at, last)])
+
+
+def _at(axis: Floats, at: Floats, station_m: float) -> Floats:
+    leg = int(np.clip(np.searchsorted(at, station_m, side="right") - 1, 0, len(axis) - 2))
+    share = (station_m - at[leg]) / (at[leg + 1] - at[leg])
+    return np.asarray(axis[leg] + share * (axis[leg + 1] - axis[leg]))[None]
+
+
+def _explained(samples: Samples, approach: Approach) -> Bools:
+    """Return which samples the approach accounts for: on its lanes, or along them close by."""
+    station, offset, course = locate(approach, samples.enu)
+    length = float(np.linalg.norm(np.diff(approach.axis_enu, axis=0), axis=1).sum())
+    outside = np.maximum(offset, -approach.lanes * approach.lane_width_m - offset)
+    same_way = (course * samples.course).sum(axis=1)
+    inside = (station > -AXIS_POINT_M) & (station < length + AXIS_POINT_M)
+    on = (outside < approach.lane_width_m / 2) & (same_way > SAME_WAY_COS)
+    along = (outside < approach.lane_width_m) & (same_way > np.cos(MAX_DRIFT))
+    return np.asarray(inside & (on | along))
+
+
+def _whole_runs(samples: Samples, mask: Bools) -> Samples:
+    """Keep the longest unbroken run of each trajectory, so that no one is in two places."""
+    keep = np.zeros(len(samples), np.bool_)
+    key = np.where(mask, samples.owner, -1)
+    bounds = np.flatnonzero(np.diff(key, prepend=-2, append=-2))
+    longest: dict[int, tuple[int, int]] = {}
+    for first, end in itertools.pairwise(bounds):
+        owner = int(key[first])
+        old = longest.get(owner, (0, 0))
+        if owner >= 0 and end - first > old[1] - old[0]:
+            longest[owner] = (int(first), int(end))
+    for first, end in longest.values():
+        keep[first:end] = True
+    return samples.where(keep)
+
+
+def _named(approaches: list[Approach]) -> tuple[Approach, ...]:
+    """Name approaches by the compass at the middle of their axes, each name once."""
+    named: list[Approach] = []
+    used: dict[str, int] = {}
+    for a in approaches:
+        middle = len(a.axis_enu) // 2
+        name = course_name(a.axis_enu[middle] - a.axis_enu[middle - 1])
+        used[name] = used.get(name, 0) + 1
+        unique = name if used[name] == 1 else f"{name} {used[name]}"
+        named.append(Approach(unique, a.axis_enu, a.start_station_m, a.lanes, a.lane_width_m))
+    return tuple(named)
