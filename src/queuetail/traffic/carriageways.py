@@ -140,7 +140,7 @@ def _votes(samples: Samples, curve: Floats) -> _Votes:
     means: list[float] = []
     owners: list[int] = []
     bounds = np.flatnonzero(np.diff(samples.owner, prepend=-1, append=-1))
-    for first, end in itertools.pairwise(bounds):
+    for first, end in itertools.pairwise(bounds.tolist()):
         runs = max(1, (end - first) // VOTE_SAMPLES)
         for rows in np.array_split(np.arange(first, end), runs):
             along = station[rows] - station[rows].mean()
@@ -155,11 +155,14 @@ def _votes(samples: Samples, curve: Floats) -> _Votes:
 
 
 def _spanned(axis: Floats, members: Samples) -> Floats:
-    """Cut the axis to, or lengthen it straight to, where its vehicles were seen."""
+    """Cut the axis to, or lengthen it straight to, where two of its vehicles were seen."""
     station, _, _ = locate(Approach("", axis), members.enu)
     lengths = np.linalg.norm(np.diff(axis, axis=0), axis=1)
     at = np.concatenate([[0.0], np.cumsum(lengths)])
-    first, last = float(station.min()), float(station.max())
+    bounds = np.flatnonzero(np.diff(members.owner, prepend=-1))
+    # The second: one vehicle that leaves the road would take the axis with it.
+    first = float(np.sort(np.minimum.reduceat(station, bounds))[1])
+    last = float(np.sort(np.maximum.reduceat(station, bounds))[-2])
     inner = axis[(at > first + AXIS_POINT_M / 3) & (at < last - AXIS_POINT_M / 3)]
     return np.concatenate([_at(axis, at, first), inner, _at(axis, at, last)])
 
@@ -188,11 +191,11 @@ def _whole_runs(samples: Samples, mask: Bools) -> Samples:
     key = np.where(mask, samples.owner, -1)
     bounds = np.flatnonzero(np.diff(key, prepend=-2, append=-2))
     longest: dict[int, tuple[int, int]] = {}
-    for first, end in itertools.pairwise(bounds):
+    for first, end in itertools.pairwise(bounds.tolist()):
         owner = int(key[first])
         old = longest.get(owner, (0, 0))
         if owner >= 0 and end - first > old[1] - old[0]:
-            longest[owner] = (int(first), int(end))
+            longest[owner] = (first, end)
     for first, end in longest.values():
         keep[first:end] = True
     return samples.where(keep)
