@@ -5,6 +5,7 @@ from __future__ import annotations
 from queuetail.sinks import RunInfo, Sink
 from queuetail.sinks.annotated import NAME, AnnotatedVideo
 from queuetail.sinks.events import EventsJsonl
+from queuetail.sinks.report import Report
 from queuetail.sinks.tables import QueueCsv, TracksCsv
 
 
@@ -18,4 +19,5 @@ def standard_sinks(info: RunInfo, video: bool) -> list[Sink]:
         sinks.append(AnnotatedVideo(info))
     else:
         (info.out / NAME).unlink(missing_ok=True)
+    sinks.append(Report(info))  # last: it reads what the others wrote
     return sinks
