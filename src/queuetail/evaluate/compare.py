@@ -123,6 +123,8 @@ def _timeline(
     run_station = np.where(queued, of_run(placed.queue.station_m, np.nan), np.nan)
     run_offset = np.where(queued, of_run(placed.queue.offset_m, np.nan), np.nan)
     visible = np.where(state == Truth.IN_VIEW, station, np.nan)
+    strict = run_station - visible[inside]
+    tolerant = tolerant_errors(t_s, run_station, truth_t_s, visible)
     return Timeline(
         t_s=t_s,
         truth=state[inside],
@@ -131,8 +133,8 @@ def _timeline(
         run_station_m=run_station,
         run_offset_m=run_offset,
         run_sigma_m=of_run(run.queue.numbers["eoq_sigma_m"], np.nan),
-        strict_m=run_station - visible[inside],
-        tolerant_m=tolerant_errors(t_s, run_station, truth_t_s, visible),
+        strict_m=strict,
+        tolerant_m=np.where(np.isfinite(strict), tolerant, np.nan),  # the same samples
     )
 
 
