@@ -13,6 +13,7 @@ import av
 import numpy as np
 from av.container import InputContainer
 from av.error import FFmpegError
+from av.stream import Disposition
 from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
@@ -24,6 +25,7 @@ LUMA_FIRST = {
     *("yuv420p", "yuvj420p", "yuv422p", "yuvj422p", "yuv444p", "yuvj444p", "yuv440p", "yuvj440p"),
     *("yuv411p", "yuv410p", "yuva420p", "yuva422p", "yuva444p", "nv12", "nv21", "nv16", "gray"),
 }
+TEXT_ART = {"ansi", "bintext", "xbin", "idf"}  # what FFmpeg takes any .txt and .bin file for
 SHORTFALL_S = 0.5  # a file that ends this much before its header says is reported as truncated
 DEFAULT_RATE_HZ = 25.0  # for elementary streams, which carry no time at all
 
@@ -50,17 +52,19 @@ class VideoFile:
         self.path = path
         self.notes: list[str] = []
         self._container = _open(path)
-        if not self._container.streams.video:
-            contents = _contents(self._container)
+        try:
+            self._stream = _video_stream(self._container, path)
+        except InputError:
             self._container.close()
-            raise InputError(f"{path} has no video stream (it holds {contents})")
-        self._stream: VideoStream = self._container.streams.video[0]
+            raise
         self._stream.thread_type = "AUTO"
         self._pictures: Iterator[VideoFrame] = self._decoded()
         first = next(self._pictures, None)
         if first is None:
             self._container.close()
             raise InputError(f"{path}: no picture could be decoded; the file is damaged or empty")
+        self._is_avi = self._container.format.name == "avi"
+        self._size, self._resized = (first.width, first.height), 0
         self.info = self._read_info(first)
         self._pictures = chain([first], self._pictures)
 
@@ -87,18 +91,35 @@ class VideoFile:
         start_s: float | None = None
         last_s, index, repeated, guessed = -1.0, 0, 0, 0
         for picture in self._pictures:
-            seconds = picture.time
+            seconds = self._seconds(picture)
             if seconds is None:
-                guessed += 1
-                seconds = (start_s or 0.0) + index / self.info.frame_rate_hz
+                guessed += not self._is_avi  # whose last packets have none, harmlessly
+                seconds = (
+                    start_s + last_s + 1 / self.info.frame_rate_hz if start_s is not None else 0.0
+                )
             start_s = seconds if start_s is None else start_s
             t_s = seconds - start_s
             if t_s > last_s:
-                yield _frame(index, t_s, picture, self.info.rotation_deg)
+                yield _frame(index, t_s, self._in_first_size(picture), self.info.rotation_deg)
                 last_s, index = t_s, index + 1
             else:
                 repeated += 1
         self._note_problems(last_s, repeated, guessed)
+
+    def _seconds(self, picture: VideoFrame) -> float | None:
+        """Return the picture's own time; AVI has none but that of its packet, in decoding order."""
+        if not self._is_avi:
+            return picture.time
+        if picture.dts is None or picture.time_base is None:
+            return None
+        return float(picture.dts * picture.time_base)
+
+    def _in_first_size(self, picture: VideoFrame) -> VideoFrame:
+        """Scale a picture of another size to the first one's, which every other part relies on."""
+        if (picture.width, picture.height) == self._size:
+            return picture
+        self._resized += 1
+        return picture.reformat(*self._size, interpolation="AREA")
 
     def _decoded(self) -> Iterator[VideoFrame]:
         """Yield what can be decoded of the first video stream; damaged packets are skipped."""
@@ -129,6 +150,13 @@ class VideoFile:
                 f"{name} is truncated: its header promises {promised_s:.1f} s, "
                 f"{max(last_s, 0):.1f} s were readable and processed"
             )
+        elif _ends_in_mid_data(name, self._container.format.name):
+            self.notes.append(
+                f"{name} is truncated: it ends in the middle of its data, "
+                f"{max(last_s, 0):.1f} s were readable and processed"
+            )
+        if self._resized:
+            self.notes.append(f"{name}: {self._resized} frames of another size were scaled")
         if repeated:
             self.notes.append(f"{name}: {repeated} frames with repeated or backward times left out")
         if guessed:
@@ -143,10 +171,6 @@ class VideoFile:
         width, height = first.width, first.height
         if rotation in (90, 270):
             width, height = height, width
-        duration = stream.duration
-        seconds = float(duration * stream.time_base) if duration and stream.time_base else None
-        if seconds is None and self._container.duration:
-            seconds = self._container.duration / av.time_base
         rate = stream.average_rate or stream.guessed_rate
         return VideoInfo(
             name=self.path.name,
@@ -154,19 +178,22 @@ class VideoFile:
             height_px=height,
             rotation_deg=rotation,
             frame_rate_hz=float(rate) if rate else DEFAULT_RATE_HZ,
-            duration_s=seconds,
+            duration_s=_duration_s(self._container, stream),
             codec=stream.codec_context.name,
             start_utc=_creation_time(self._container),
         )
 
 
 def _open(path: Path) -> InputContainer:
-    if path.is_dir():
-        raise InputError(f"{path} is a folder, not a video file")
-    if not path.exists():
-        raise InputError(f"{path}: there is no such file")
-    if path.stat().st_size == 0:
-        raise InputError(f"{path} is empty (0 bytes); copy the recording again")
+    try:
+        if path.is_dir():
+            raise InputError(f"{path} is a folder, not a video file")
+        if path.stat().st_size == 0:
+            raise InputError(f"{path} is empty (0 bytes); copy the recording again")
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(f"{path}: there is no such file") from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror})") from None
     try:
         return av.open(str(path))
     except PermissionError:
@@ -176,6 +203,53 @@ def _open(path: Path) -> InputContainer:
             f"{path} is not a video that FFmpeg can read, or it is cut off before its index "
             f"({error.strerror}); check that the recording was closed and copied whole"
         ) from None
+
+
+def _video_stream(container: InputContainer, path: Path) -> VideoStream:
+    """Return the first stream that moves: cover pictures of sound files and text do not."""
+    streams = container.streams.video
+    if any(s.codec_context.name in TEXT_ART for s in streams):
+        raise InputError(f"{path} is not a video: FFmpeg takes it for text")
+    moving = [s for s in streams if not s.disposition & Disposition.attached_pic]
+    if not moving:
+        raise InputError(f"{path} has no video stream (it holds {_contents(container)})")
+    return moving[0]
+
+
+def _duration_s(container: InputContainer, stream: VideoStream) -> float | None:
+    """Return how long the header says that the video stream runs, from its first picture."""
+    if stream.time_base is None:
+        return None
+    if stream.duration:
+        return float(stream.duration * stream.time_base)
+    end_s = _tagged_s(stream.metadata.get("DURATION"))
+    if end_s is None and container.duration:
+        end_s = container.duration / av.time_base
+    if end_s is not None and container.format.name.startswith(("matroska", "nut")):
+        # These say when they end, counted from time zero, not from their first picture.
+        end_s -= float((stream.start_time or 0) * stream.time_base)
+    return end_s if end_s is not None and end_s > 0 else None
+
+
+def _tagged_s(text: str | None) -> float | None:
+    """Parse the 00:01:30.040000000 that Matroska writers tag each stream with."""
+    try:
+        hours, minutes, seconds = (float(part) for part in (text or "").split(":"))
+    except ValueError:
+        return None
+    return 3600 * hours + 60 * minutes + seconds
+
+
+def _ends_in_mid_data(path: Path, format_name: str) -> bool:
+    """Return whether a file without a usable promise of its length was cut off."""
+    size = path.stat().st_size
+    if format_name == "mpegts":
+        return all(size % packet for packet in (188, 192, 204))
+    if format_name == "avi":
+        with path.open("rb") as file:
+            promised = int.from_bytes(file.read(8)[4:], "little") + 8
+        return size < promised < 1 << 32
+    return False
 
 
 def _contents(container: InputContainer) -> str:
