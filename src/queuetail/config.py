@@ -155,7 +155,7 @@ class Site(Settings):
 def read_site(path: Path) -> Site:
     """Read a site file; raises InputError with the file, the key and the mend."""
     try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+        raw = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such site file") from None
     except IsADirectoryError:
@@ -187,7 +187,7 @@ def _first_problem(model: type[Settings], error: ValidationError) -> str:
         near = difflib.get_close_matches(str(location[-1]), known, n=1)
         hint = f"did you mean '{near[0]}'?" if near else f"known keys: {', '.join(sorted(known))}"
         inside = f" in [{table}]" if table else ""
-        return f"unknown key '{location[-1]}'{inside}; {hint}"
+        return f"unknown key {location[-1]!r}{inside}; {hint}"
     message = problem["msg"].removeprefix("Value error, ")
     return f"{where}: {message}" if where else message
 
