@@ -22,11 +22,6 @@ from queuetail.config import (
     parse_settings,
     read_site,
 )
-    MPS_PER_MPH,
-    Site,
-    parse_settings,
-    read_site,
-)
 from queuetail.errors import InputError
 
 DESIGN_EXAMPLE = """
