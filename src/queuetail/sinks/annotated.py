@@ -6,6 +6,8 @@ from fractions import Fraction
 from pathlib import Path
 
 import av
+import cv2
+import numpy as np
 from av.container import OutputContainer
 from av.error import FFmpegError
 from av.packet import Packet
@@ -58,7 +60,8 @@ class AnnotatedVideo:
             self._path.unlink(missing_ok=True)
 
     def _encode(self, image: Image) -> None:
-        picture = av.VideoFrame.from_ndarray(image, format="bgr24")
+        planes = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2YUV_I420), np.uint8)
+        picture = av.VideoFrame.from_ndarray(planes, format="yuv420p")
         picture.pts = self._last_pts
         picture.time_base = Fraction(1, TICKS_PER_S)
         try:

@@ -20,12 +20,19 @@ class Labels:
 
     def __init__(self) -> None:
         self._font: Any = cv2.FontFace("sans")
+        self._widths: dict[tuple[str, int], int] = {}
         self._tiles: dict[tuple[str, int, Colour], tuple[Image, Image]] = {}
 
     def width(self, text: str, size_px: int) -> int:
         """Return how wide the plate of `text` is in pixels."""
-        box = cv2.getTextSize((1, 1), text, (0, 0), self._font, size_px, _weight(size_px))
-        return int(box[2]) + 2 * _pad(size_px)
+        width = self._widths.get((text, size_px))
+        if width is None:
+            box = cv2.getTextSize((1, 1), text, (0, 0), self._font, size_px, _weight(size_px))
+            width = int(box[2]) + 2 * _pad(size_px)
+            if len(self._widths) >= CACHE_SIZE:
+                self._widths.clear()
+            self._widths[text, size_px] = width
+        return width
 
     def height(self, size_px: int) -> int:
         """Return how high a plate is in pixels."""

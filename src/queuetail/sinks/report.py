@@ -295,7 +295,8 @@ def _typical(sigma: Floats) -> str:
 
 
 def _growth(growth: Floats) -> tuple[str, str]:
-    if not len(growth) or growth.max() <= 0:
+    """Return a growth that only one value in twenty exceeds: the largest is often one outlier."""
+    fast = float(np.percentile(growth, 95)) if len(growth) else 0.0
+    if fast <= 0:
         return "none", "never grew"
-    fastest = float(growth.max())
-    return f"{fastest:.1f} m/s", f"{fastest / MPS_PER_MPH:.1f} mph upstream"
+    return f"{fast:.1f} m/s", f"{fast / MPS_PER_MPH:.1f} mph, 95th percentile"

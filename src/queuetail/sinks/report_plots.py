@@ -60,6 +60,7 @@ def eoq_over_time(table: QueueTable) -> str:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(10, 4.6), layout="constrained")
         top, strip = figure.subplots(2, 1, sharex=True, height_ratios=[8, 1])
+        top.set_facecolor("none")
         joined = _thinned(table)
         known = np.isfinite(joined.station_m)
         if known.any():
