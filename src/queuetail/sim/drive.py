@@ -17,7 +17,7 @@ import numpy as np
 STEP_S = 0.1
 YELLOW_S = 3.0
 EASE_S = 8.0  # a speed limit comes down over this time, as drivers take in what is ahead
-TAKE_WITHIN_M = 130.0  # a vehicle is made to stop only when it is this close to the queue's place
+TAKE_WITHIN_M = 260.0  # a vehicle is made to stop only when it is this close to the queue's place
 BRAKE_MPS2 = 2.5
 WAVE_LOW_MPS = 0.6
 
@@ -33,6 +33,7 @@ class Carriageway:
         self._crawl_mps: float = side["crawl_mps"]
         self._queue: dict[str, Any] = side["queue"]
         self._held: dict[int, str] = {}
+        self._braked_at_s: dict[str, float] = {}
 
     def act(self, t_s: float) -> None:
         """Do what the queue's cause does at this time (seconds after frame 0)."""
@@ -46,9 +47,9 @@ class Carriageway:
             limit_mps = self._limit(since_s) if active else self._free_mps
             libsumo.edge.setMaxSpeed(self._zone, limit_mps)
         if cause == "incident":
-            self._hold(active, [0], 0.0)
+            self._hold(t_s, active, [0], 0.0)
         elif cause == "moving_bottleneck":
-            self._hold(active, list(range(self._lanes)), self._crawl_mps)
+            self._hold(t_s, active, list(range(self._lanes)), self._crawl_mps)
 
     def _state(self, since_s: float) -> str:
         if self._queue["cause"] == "signal":
@@ -65,7 +66,7 @@ class Carriageway:
         eased = min(since_s / EASE_S, 1.0)
         return self._free_mps + (target_mps - self._free_mps) * eased
 
-    def _hold(self, active: bool, lanes: list[int], speed_mps: float) -> None:
+    def _hold(self, t_s: float, active: bool, lanes: list[int], speed_mps: float) -> None:
         """Keep one vehicle per lane at a speed while active; let all go afterwards."""
         alive = set(libsumo.vehicle.getIDList())
         for lane, vehicle in list(self._held.items()):
@@ -74,13 +75,13 @@ class Carriageway:
             if not active:
                 libsumo.vehicle.setSpeed(vehicle, -1)
                 del self._held[lane]
-            elif libsumo.vehicle.getSpeed(vehicle) <= speed_mps + 0.3:
+            elif t_s >= self._braked_at_s[vehicle]:
                 libsumo.vehicle.setSpeed(vehicle, speed_mps)
         for lane in lanes if active else []:
             if lane not in self._held:
-                self._take(lane, speed_mps)
+                self._take(t_s, lane, speed_mps)
 
-    def _take(self, lane: int, speed_mps: float) -> None:
+    def _take(self, t_s: float, lane: int, speed_mps: float) -> None:
         """Slow down the next vehicle that can still stop before the queue's place."""
         name = f"{self._before}_{lane}"
         length_m = libsumo.lane.getLength(name)
@@ -91,9 +92,10 @@ class Carriageway:
                 return
             if left_m > now_mps**2 / (2 * BRAKE_MPS2):
                 libsumo.vehicle.setLaneChangeMode(vehicle, 0)
-                brake_s = max((now_mps - speed_mps) / BRAKE_MPS2, 1.0)
+                brake_s = max(2 * left_m / max(now_mps + speed_mps, 1.0), 1.0)  # down just there
                 libsumo.vehicle.slowDown(vehicle, speed_mps, brake_s)
                 self._held[lane] = vehicle
+                self._braked_at_s[vehicle] = t_s + brake_s - STEP_S
                 return
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -77,34 +78,58 @@ def write_csv(samples: list[TelemetrySample], path: Path) -> None:
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
+@dataclass(frozen=True, slots=True)
+class Known:
+    """All that the drone has said by one time: each field its last value."""
+
+    t_s: float
+    lat_deg: float
+    lon_deg: float
+    height_agl_m: float
+    heading_deg: float
+    gimbal_pitch_deg: float
+    gimbal_roll_deg: float
+    hfov_deg: float
+
+
+def last_known(samples: list[TelemetrySample]) -> list[Known]:
+    """Return the samples with what they leave out filled in from earlier ones."""
+    values: dict[str, float] = {}
+    found = []
+    names = [field.name for field in dataclasses.fields(Known)]
+    for sample in samples:
+        for name in names:
+            value = getattr(sample, name)
+            if value is not None:
+                values[name] = value
+        if len(values) == len(names):
+            found.append(Known(**values))
+    return found
+
+
 def write_srt(samples: list[TelemetrySample], scenario: Scenario, path: Path) -> None:
     """Write DJI's subtitle format (dialect of 2025 on, with gimbal angles): last known values."""
     start = datetime.fromisoformat(scenario.scenario.start_utc.replace("Z", "+00:00"))
     focal_mm = 0.5 * SENSOR_WIDTH_MM / np.tan(np.radians(scenario.flight.hfov_deg) / 2)
-    interval_ms = round(1000 / scenario.picture.frame_rate_hz)
-    known: dict[str, float] = {}
+    rate_hz = scenario.picture.frame_rate_hz
+    told = [known for known in last_known(samples) if known.t_s >= 0]
     pieces: list[str] = []
-    for i, sample in enumerate(samples):
-        for field in dataclasses.fields(sample):
-            value = getattr(sample, field.name)
-            if value is not None:
-                known[field.name] = value
-        if "lat_deg" not in known or "heading_deg" not in known or sample.t_s < 0:
-            continue
-        end_s = samples[i + 1].t_s if i + 1 < len(samples) else sample.t_s + 0.1
-        frame = round(sample.t_s * scenario.picture.frame_rate_hz) + 1
-        when = start + timedelta(seconds=sample.t_s)
-        yaw = (known["heading_deg"] + 180) % 360 - 180
+    for i, known in enumerate(told):
+        end_s = told[i + 1].t_s if i + 1 < len(told) else known.t_s + 0.1
+        when = start + timedelta(seconds=known.t_s)
+        yaw_deg = (known.heading_deg + 180) % 360 - 180
+        altitude_m = known.height_agl_m + TAKEOFF_ALTITUDE_M
         pieces.append(
-            f"{len(pieces) + 1}\n{_clock(sample.t_s)} --> {_clock(end_s)}\n"
-            f'<font size="28">FrameCnt: {frame}, DiffTime: {interval_ms}ms\n'
+            f"{i + 1}\n{_clock(known.t_s)} --> {_clock(end_s)}\n"
+            f'<font size="28">FrameCnt: {round(known.t_s * rate_hz) + 1}, '
+            f"DiffTime: {round(1000 / rate_hz)}ms\n"
             f"{when:%Y-%m-%d %H:%M:%S}.{when.microsecond // 1000:03d}\n"
             f"[iso: 100] [shutter: 1/1000.0] [fnum: 2.8] [ev: 0] [color_md: default] "
-            f"[focal_len: {focal_mm:.2f}] [latitude: {known['lat_deg']:.6f}] "
-            f"[longitude: {known['lon_deg']:.6f}] [rel_alt: {known['height_agl_m']:.3f} "
-            f"abs_alt: {known['height_agl_m'] + TAKEOFF_ALTITUDE_M:.3f}] [ct: 5500] "
-            f"[gb_yaw: {yaw:.1f} gb_pitch: {known['gimbal_pitch_deg']:.1f} "
-            f"gb_roll: {known['gimbal_roll_deg']:.1f}] </font>\n\n"
+            f"[focal_len: {focal_mm:.2f}] [latitude: {known.lat_deg:.6f}] "
+            f"[longitude: {known.lon_deg:.6f}] [rel_alt: {known.height_agl_m:.3f} "
+            f"abs_alt: {altitude_m:.3f}] [ct: 5500] [gb_yaw: {yaw_deg:.1f} "
+            f"gb_pitch: {known.gimbal_pitch_deg:.1f} gb_roll: {known.gimbal_roll_deg:.1f}] "
+            "</font>\n\n"
         )
     path.write_text("".join(pieces), encoding="utf-8")
 

@@ -14,15 +14,17 @@ from queuetail.sim.scenery import ONE, SHADE_DARK, SHIFT, darken, sun_vector
 from queuetail.types import Bools, Floats, Image
 
 FACES = ((4, 5, 6, 7), (2, 3, 7, 6), (0, 1, 5, 4), (3, 0, 4, 7), (1, 2, 6, 5))
+BRIDGE_REACH_M = 130.0  # beyond the road on both sides: out of the picture
+CONCRETE, DECK, STEEL = (150, 154, 156), (104, 104, 103), (136, 134, 130)
 TONES = (1.0, 0.8, 0.72, 0.66, 0.6)
 
 
 @dataclass(frozen=True, slots=True)
 class Occluder:
-    """Boxes in ENU, (n, 8, 3) corners, and their colour (BGR)."""
+    """Boxes in ENU, (n, 8, 3) corners, drawn from the last to the first, and their colours."""
 
     boxes: Floats
-    colour: tuple[int, int, int]
+    colours: tuple[tuple[int, int, int], ...]
 
     @classmethod
     def of(cls, scenario: Scenario) -> Occluder | None:
@@ -36,20 +38,25 @@ class Occluder:
         if other.lanes:
             high = other.median_m + other.lanes * road.lane_width_m + road.shoulder_m
         if kind == "bridge":
-            spans = [(at_m - 5.0, at_m + 5.0, low - 40.0, high + 40.0, 5.2, 6.6)]
-            colour = (150, 154, 156)
+            ends = low - BRIDGE_REACH_M, high + BRIDGE_REACH_M
+            spans = [
+                (at_m + 4.4, at_m + 5.0, *ends, 5.2, 7.5),
+                (at_m - 5.0, at_m - 4.4, *ends, 5.2, 7.5),
+                (at_m - 4.4, at_m + 4.4, *ends, 5.2, 6.5),
+            ]
+            colours = [CONCRETE, CONCRETE, DECK]
         else:
             spans = [(at_m - 0.6, at_m + 0.6, low - 1.0, high + 1.0, 6.0, 7.4)]
             spans += [
                 (at_m - 0.3, at_m + 0.3, e - 0.3, e + 0.3, 0.0, 6.0) for e in (low - 1, high + 1)
             ]
-            colour = (136, 134, 130)
+            colours = [STEEL] * len(spans)
         plane, axis = GroundPlane.of(road), Axis.of(road)
-        return cls(np.stack([_box(axis, plane, at_m, span) for span in spans]), colour)
+        return cls(np.stack([_box(axis, plane, at_m, span) for span in spans]), tuple(colours))
 
     def draw(self, picture: Image, view: View) -> None:
         """Draw the boxes over a frame, posts first, in place."""
-        for box in self.boxes[::-1]:
+        for box, base in zip(self.boxes[::-1], self.colours[::-1], strict=True):
             px = view.px_of(box)
             if not np.isfinite(px).all():
                 continue
@@ -58,7 +65,7 @@ class Occluder:
                 x, y = corners[:, 0], corners[:, 1]
                 if (x * np.roll(y, -1) - np.roll(x, -1) * y).sum() < 0:
                     points = np.round((corners - 0.5) * ONE).astype(np.int32)
-                    colour = tuple(int(c * tone) for c in self.colour)
+                    colour = tuple(int(c * tone) for c in base)
                     cv2.fillConvexPoly(picture, points, colour, cv2.LINE_AA, SHIFT)
 
     def cast(self, picture: Image, view: View, settings: Picture) -> None:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from queuetail.sim.axis import VIEW_STATION_M, Axis
-from queuetail.sim.flight import View
+from queuetail.sim.flight import GroundPlane, View
 from queuetail.sim.scenario import Picture, Scenario
 from queuetail.types import Floats, Image
 
@@ -38,6 +38,7 @@ class Scenery:
     """Everything still that is not flat."""
 
     plants: tuple[Plant, ...]
+    roadside: tuple[Plant, ...]  # their shadows sway, so they are drawn on each frame
     posts_enu: Floats  # (n, 2)
     cones_enu: Floats  # (n, 2)
 
@@ -75,7 +76,33 @@ def plan_scenery(scenario: Scenario, seed: int) -> Scenery:
         plants.append(Plant(east, north, radius, height, colour, int(rng.integers(1 << 30))))
     stations = VIEW_STATION_M + np.arange(-400, 401, 50.0)
     posts = axis.enu(stations, np.full(len(stations), low - 1.4))
-    return Scenery(tuple(plants), posts, _cones(scenario, axis))
+    return Scenery(tuple(plants), roadside_trees(scenario, seed), posts, _cones(scenario, axis))
+
+
+def roadside_trees(scenario: Scenario, seed: int) -> tuple[Plant, ...]:
+    """Return the trees whose shadows sway over the road: a row on the side where the sun stands."""
+    rng = np.random.default_rng([seed, 31])
+    axis, road, other = Axis.of(scenario.road), scenario.road, scenario.opposite
+    heading = float(axis.heading_rad(np.array(VIEW_STATION_M)))
+    sun = sun_vector(scenario.picture)
+    from_left = sun[1] * math.cos(heading) - sun[0] * math.sin(heading) > 0
+    low = -(road.lanes * road.lane_width_m + road.shoulder_m)
+    high = (
+        other.median_m + other.lanes * road.lane_width_m + road.shoulder_m if other.lanes else 1.0
+    )
+    trees = []
+    for _ in range(scenario.picture.tree_shadows):
+        radius = rng.uniform(1.8, 3.6)
+        beside = radius + rng.uniform(0.5, 4.0)
+        offset = high + beside if from_left else low - beside
+        enu = axis.enu(np.array(VIEW_STATION_M + rng.uniform(-150, 150)), np.array(offset))
+        tone = rng.uniform(0.8, 1.2)
+        colour = (int(42 * tone), int(78 * tone), int(60 * tone))
+        height = radius * rng.uniform(2.0, 3.2)
+        trees.append(
+            Plant(float(enu[0]), float(enu[1]), radius, height, colour, int(rng.integers(1 << 30)))
+        )
+    return tuple(trees)
 
 
 def _cones(scenario: Scenario, axis: Axis) -> Floats:
@@ -102,15 +129,18 @@ def draw_scenery(picture: Image, scenario: Scenario, scenery: Scenery, view: Vie
     focal = view.pose.intrinsics.fx_px
     lens = view.pose.intrinsics
     sun = sun_vector(scenario.picture)
-    places = np.array([(p.east_m, p.north_m) for p in scenery.plants]).reshape(-1, 2)
+    plants = scenery.plants + scenery.roadside
+    places = np.array([(p.east_m, p.north_m) for p in plants]).reshape(-1, 2)
     px = view.ground_px(places)
     pad = 60.0
     seen = (px > -pad).all(1) & (px < [lens.width_px + pad, lens.height_px + pad]).all(1)
     far = np.hypot(*(places - camera[:2]).T)
     order = [int(i) for i in np.argsort(-far) if bool(np.asarray(seen)[i])]
-    _shade_plants(picture, scenario, [scenery.plants[i] for i in order], view, sun, focal)
+    _shade_plants(
+        picture, scenario, [plants[i] for i in order if i < len(scenery.plants)], view, sun, focal
+    )
     for i in order:
-        _draw_plant(picture, scenery.plants[i], view, sun, focal)
+        _draw_plant(picture, plants[i], view, sun, focal)
     for enu, radius, height, colour in (
         *((e, 0.09, 1.1, (236, 238, 238)) for e in scenery.posts_enu),
         *((e, 0.18, 0.75, CONE) for e in scenery.cones_enu),
@@ -122,13 +152,13 @@ def _depth(view: View, point: Floats) -> float:
     return float(np.linalg.norm(point - view.camera_enu))
 
 
-def _crown(plant: Plant, view: View) -> tuple[Floats, Floats]:
+def crown(plant: Plant, plane: GroundPlane) -> tuple[Floats, Floats]:
     """Return lumps of a crown, (n, 3) centres in ENU and (n,) radii in metres."""
     rng = np.random.default_rng(plant.seed)
     count = int(np.clip(plant.radius_m * 12, 6, 40))
     turn, out = rng.uniform(0, 2 * np.pi, count), np.sqrt(rng.uniform(0, 1, count))
     up = rng.uniform(-0.35, 0.45, count) + 0.3 * (1 - out)
-    ground = float(view.plane.height_m(np.array([plant.east_m, plant.north_m])))
+    ground = float(plane.height_m(np.array([plant.east_m, plant.north_m])))
     centres = np.column_stack(
         [
             plant.east_m + 0.75 * plant.radius_m * out * np.cos(turn),
@@ -145,7 +175,7 @@ def _shade_plants(
     mask = np.zeros(picture.shape[:2], np.uint8)
     squash = max(0.35, abs(math.sin(math.radians(view.pose.pitch_deg))))
     for plant in plants:
-        centres, radii = _crown(plant, view)
+        centres, radii = crown(plant, view.plane)
         fall = centres[:, 2] - view.plane.height_m(centres[:, :2])
         feet = centres[:, :2] - sun[:2] / sun[2] * fall[:, None]
         px = view.ground_px(feet)
@@ -167,7 +197,7 @@ def darken(picture: Image, mask: Image, depth: float) -> None:
 
 
 def _draw_plant(picture: Image, plant: Plant, view: View, sun: Floats, focal: float) -> None:
-    centres, radii = _crown(plant, view)
+    centres, radii = crown(plant, view.plane)
     rng = np.random.default_rng(plant.seed + 1)
     px = view.px_of(centres)
     scale = focal / _depth(view, centres[0])

@@ -21,6 +21,7 @@ from queuetail.sim.render import Renderer
 from queuetail.sim.scenario import Scenario
 from queuetail.sim.site import write_pose, write_scenario, write_site
 from queuetail.sim.traffic import require_sumo, simulate_traffic
+from queuetail.sim.transport import write_transport_stream
 from queuetail.sim.truth import write_truth
 from queuetail.types import Floats, Image, Ints
 
@@ -106,6 +107,8 @@ def simulate(
     write_pose(path, times_s, out / "pose.csv")
     renderer = Renderer(scenario, traffic, path, seed)
     _encode(scenario, renderer, ticks, out / "flight.mp4", progress)
+    if scenario.telemetry.klv:
+        write_transport_stream(scenario, samples, out / "flight.mp4", out / "flight.ts")
 
 
 def _pictures(renderer: Renderer, times_s: Floats) -> Iterator[Image]:
