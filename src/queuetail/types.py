@@ -99,6 +99,7 @@ class Registration:
     H_ref_frame: Floats
     quality: float  # 0 (lost) … 1 (every feature agrees)
     reason: str = ""  # why it is lost; empty when it is not
+    epoch: int = 0  # counts the reference frames: one chain of anchors each
 
 
 @dataclass(frozen=True, slots=True)
