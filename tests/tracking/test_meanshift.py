@@ -9,7 +9,7 @@ import pytest
 
 from queuetail.geo.camera import intrinsics_from_hfov
 from queuetail.geo.ground import mapping_from_pose
-from queuetail.tracking.meanshift import MIN_AGE_FRAMES, MeanShiftTracker
+from queuetail.tracking.meanshift import MAX_MISSED_FRAMES, MIN_AGE_FRAMES, MeanShiftTracker
 from queuetail.types import (
     CameraPose,
     Detections,
@@ -51,8 +51,9 @@ def car() -> Image:
 def scene(t_s: float, cars: list[tuple[int, int]]) -> Scene:
     image = ROAD.copy()
     for x, y in cars:
-        patch = car()[: max(360 - y, 0), : max(640 - x, 0)]
-        image[y : y + patch.shape[0], x : x + patch.shape[1]] = patch
+        patch = car()[: max(360 - y, 0), max(-x, 0) : max(640 - x, 0)]
+        left = max(x, 0)
+        image[y : y + patch.shape[0], left : left + patch.shape[1]] = patch
     return Scene(t_s, Raster(image, np.eye(3)), MAPPING)
 
 
@@ -67,9 +68,12 @@ class Drive:
     def step(
         self, cars: list[tuple[int, int]], seen: list[tuple[int, int]] | None = None
     ) -> Tracks:
+        return self.sees([(x, y, *CAR) for x, y in (cars if seen is None else seen)], cars)
+
+    def sees(self, blobs: list[tuple[int, int, int, int]], cars: list[tuple[int, int]]) -> Tracks:
         now = scene(self.frame / self.rate_hz, cars)
-        boxes = np.array([(x, y, *CAR) for x, y in (cars if seen is None else seen)], float)
-        found = Detections(boxes.reshape(-1, 4), np.full(len(boxes), float(CAR[0] * CAR[1])))
+        boxes = np.array(blobs, float).reshape(-1, 4)
+        found = Detections(boxes, boxes[:, 2] * boxes[:, 3])
         self.frame += 1
         return self.tracker.update(VIEW.locate(found, now.raster, MAPPING), now)
 
@@ -128,21 +132,59 @@ def test_what_has_not_a_cars_size_is_no_car(size_factor: float) -> None:
     assert TrackState.CONFIRMED not in tracks.states
 
 
-def test_mean_shift_follows_without_blobs_and_holds_what_stops() -> None:
+def test_mean_shift_follows_without_blobs_for_a_while() -> None:
     drive = Drive()
     for k in range(40):
         drive.step([(40 + 3 * k, 100)])
-    for k in range(40, 60):
+    for k in range(40, 40 + MAX_MISSED_FRAMES):
         tracks = drive.step([(40 + 3 * k, 100)], seen=[])  # the mask lost it, its colours did not
     assert tracks.ids.tolist() == [1]
-    assert tracks.states == (TrackState.COASTING,)
-    assert abs(tracks.px[0, 0] - (40 + 3 * 59 + 12)) < 4
+    assert tracks.states == (TrackState.TENTATIVE,)
+    assert abs(tracks.px[0, 0] - (40 + 3 * 47 + 12)) < 4
     np.testing.assert_allclose(tracks.velocity_mps[0], [15.0, 0.0], atol=2.5)
+    tracks = drive.step([(40 + 3 * 48, 100)], seen=[])  # what drives does not fade from the mask
+    assert len(tracks) == 0
+
+
+def test_mean_shift_holds_what_stops() -> None:
+    drive = Drive()
+    for k in range(40):
+        drive.step([(40 + 3 * k, 100)])
+    for _ in range(15):  # stopped, and still in the mask
+        drive.step([(157, 100)])
     for _ in range(200):  # 8 s at a standstill, faded from the mask
-        tracks = drive.step([(40 + 3 * 59, 100)], seen=[])
+        tracks = drive.step([(157, 100)], seen=[])
     assert tracks.ids.tolist() == [1]
-    assert abs(tracks.px[0, 0] - (40 + 3 * 59 + 12)) < 4
+    assert tracks.states == (TrackState.COASTING,)
+    assert abs(tracks.px[0, 0] - (157 + 12)) < 4
     assert math.hypot(*tracks.velocity_mps[0]) < 0.5
+
+
+def test_a_fragment_neither_blocks_nor_shrinks_the_whole_car() -> None:
+    drive = Drive()
+    drive.sees([(52, 104, 6, 4)], [(40, 100)])  # first only its window is seen, then all of it
+    for k in range(1, 30):
+        tracks = drive.step([(40 + 3 * k, 100)])
+    assert TrackState.CONFIRMED in tracks.states
+    whole = tracks.states.index(TrackState.CONFIRMED)
+    assert tracks.length_m[whole] == pytest.approx(4.8, abs=0.01)
+    tracks = drive.sees([(40 + 3 * 30 + 2, 104, 6, 4)], [(40 + 3 * 30, 100)])
+    assert len(tracks) == 1
+    assert tracks.length_m[0] == pytest.approx(4.8, abs=0.01)
+
+
+def test_a_box_cut_by_the_pictures_edge_tells_no_speed() -> None:
+    """A car that drives in at 10 m/s: its visible part's centre moves at half of that."""
+    drive = Drive()
+    believed = []
+    for k in range(40):
+        right = 2 + 2 * k  # 2 px × 0.2 m × 25 Hz
+        shown = min(right, CAR[0])
+        tracks = drive.sees([(right - shown, 100, shown, CAR[1])], [(right - CAR[0], 100)])
+        if tracks.states and tracks.states[0] is TrackState.CONFIRMED:
+            believed.append(float(tracks.velocity_mps[0, 0]))
+    assert len(believed) > 10
+    assert min(believed) > 9.5
 
 
 def test_what_leaves_the_picture_is_dropped() -> None:

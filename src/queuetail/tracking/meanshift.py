@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from queuetail.geo.earth import geodetic_from_enu, haversine_m
 from queuetail.types import (
+    Bools,
     Detections,
     Floats,
     GroundMapping,
@@ -32,6 +33,8 @@ Box = tuple[float, float, float, float]  # x, y, width, height in raster pixels
 
 MIN_AGE_FRAMES = 8  # the paper's: younger objects are no cars yet
 MAX_MISSED_FRAMES = 8
+MIN_OVERLAP = 0.15  # intersection over union of a window and the blob that it may take
+MAX_FADING_SPEED_MPS = 3.0  # what moves faster does not fade from the mask
 MIN_WEIGHT = 90  # of 255: mean back-projection in the window below which the object is lost
 SPEED_WINDOW_S = 0.5  # past positions are compared over this time: one pixel per frame is 15 mph
 MAX_SPEED_MPS = 60.0
@@ -51,11 +54,11 @@ class _Object:
     window: Box
     histogram: NDArray[np.float32]  # share of the object in each colour, 0 … 255
     past: deque[tuple[float, float, float]] = field(default_factory=deque)
-    age_frames: int = 1
     unseen_frames: int = 0  # since the last blob
     lost_frames: int = 0  # in which its colours were gone from the window
     is_car: bool = False
     top_speed_mps: float = 0.0
+    seen_speed_mps: float = 0.0  # when it last had a blob
 
 
 class MeanShiftTracker:
@@ -83,30 +86,40 @@ class MeanShiftTracker:
         return self._tracks(scene)
 
     def _associate(self, boxes: list[Box]) -> list[Box]:
-        """Give each blob to the nearest window around its centre; return the blobs left over."""
-        free = []
-        for box in boxes:
-            centre = _centre(box)
-            near = [o for o in self._objects if _contains(o.window, centre)]
-            if not near:
-                if not any(_contains(box, _centre(o.window)) for o in self._objects):
-                    free.append(box)
-                continue
-            item = min(near, key=lambda o: _distance(_centre(o.window), centre))
-            item.window = box
-            item.unseen_frames = item.lost_frames = 0
-        return free
+        """Give each blob to the window it overlaps most; return the blobs that start objects."""
+        pairs = [(_overlap(o.window, b), i, o) for i, b in enumerate(boxes) for o in self._objects]
+        pairs = sorted((p for p in pairs if p[0] >= MIN_OVERLAP), key=lambda p: -p[0])
+        taken: set[int] = set()
+        served: set[int] = set()
+        for _, i, item in pairs:
+            if i not in taken and item.track_id not in served:
+                item.window = boxes[i]
+                item.unseen_frames = item.lost_frames = 0
+                taken.add(i)
+                served.add(item.track_id)
+        return [b for i, b in enumerate(boxes) if i not in taken and not self._is_part(b)]
+
+    def _is_part(self, box: Box) -> bool:
+        """Return whether a blob is but a piece of an object that is already followed."""
+        centre, area = _centre(box), box[2] * box[3]
+        return any(
+            _contains(o.window, centre) and area < o.window[2] * o.window[3] / 2
+            for o in self._objects
+        )
 
     def _tracks(self, scene: Scene) -> Tracks:
         boxes = np.array([o.window for o in self._objects], float).reshape(-1, 4)
         located = self._locate(
             Detections(boxes, boxes[:, 2] * boxes[:, 3]), scene.raster, scene.mapping
         )
-        velocity = self._velocities(located.enu, scene)
+        whole = _inside(boxes, scene.raster.image.shape)
+        velocity = self._velocities(located.enu, whole, scene)
         speeds = np.linalg.norm(velocity, axis=1)
         for i, item in enumerate(self._objects):
-            if speeds[i] < MAX_SPEED_MPS and item.age_frames >= MIN_AGE_FRAMES:
+            if speeds[i] < MAX_SPEED_MPS and len(item.past) >= MIN_AGE_FRAMES:
                 item.top_speed_mps = max(item.top_speed_mps, float(speeds[i]))
+            if not item.unseen_frames:
+                item.seen_speed_mps = float(speeds[i])
             item.is_car = _is_car(item, located.length_m[i], located.width_m[i], speeds[i])
         return Tracks(
             ids=np.array([o.track_id for o in self._objects], np.int64),
@@ -119,11 +132,16 @@ class MeanShiftTracker:
             length_m=located.length_m,
         )
 
-    def _velocities(self, enu: Floats, scene: Scene) -> Floats:
-        """Haversine distance from the place half a second ago, over the time that passed since."""
+    def _velocities(self, enu: Floats, whole: Bools, scene: Scene) -> Floats:
+        """Haversine distance from the place half a second ago, over the time that passed since.
+
+        Only places where the object was `whole` count: at the picture's edge a cut box lags.
+        """
         before = np.empty_like(enu)
         seconds = np.zeros(len(enu))
         for i, item in enumerate(self._objects):
+            if not whole[i]:
+                item.past.clear()
             item.past.append((scene.t_s, float(enu[i, 0]), float(enu[i, 1])))
             while len(item.past) > 2 and scene.t_s - item.past[1][0] >= SPEED_WINDOW_S:
                 item.past.popleft()
@@ -143,7 +161,7 @@ class MeanShiftTracker:
 def _is_car(item: _Object, length_m: float, width_m: float, speed_mps: float) -> bool:
     """The paper's car test: old enough, of a car's size, at a car's speed."""
     return bool(
-        item.age_frames >= MIN_AGE_FRAMES
+        len(item.past) >= MIN_AGE_FRAMES
         and LENGTH_RANGE_M[0] <= length_m <= LENGTH_RANGE_M[1]
         and WIDTH_RANGE_M[0] <= width_m <= WIDTH_RANGE_M[1]
         and item.top_speed_mps >= MIN_TOP_SPEED_MPS
@@ -152,9 +170,17 @@ def _is_car(item: _Object, length_m: float, width_m: float, speed_mps: float) ->
 
 
 def _state(item: _Object) -> TrackState:
-    if not item.is_car:
+    if not item.is_car or (item.unseen_frames and not _may_fade(item)):
         return TrackState.TENTATIVE
     return TrackState.COASTING if item.unseen_frames else TrackState.CONFIRMED
+
+
+def _may_fade(item: _Object) -> bool:
+    """Return whether an object without a blob may still be there: only a car that stood.
+
+    What drives does not fade from the mask, so a window that loses its blob then lost its car.
+    """
+    return item.is_car and item.seen_speed_mps <= MAX_FADING_SPEED_MPS
 
 
 def _new_object(track_id: int, box: Box, colour: Image) -> _Object:
@@ -168,7 +194,6 @@ def _new_object(track_id: int, box: Box, colour: Image) -> _Object:
 
 def _shift(item: _Object, colour: Image) -> None:
     """One mean-shift search around the window; a window without its colours counts as missed."""
-    item.age_frames += 1
     item.unseen_frames += 1
     grown = _grown(item.window)
     left, top = max(int(grown[0]), 0), max(int(grown[1]), 0)
@@ -187,8 +212,15 @@ def _is_alive(item: _Object, shape: tuple[int, ...]) -> bool:
     x, y = _centre(item.window)
     inside = 1 < x < shape[1] - 1 and 1 < y < shape[0] - 1
     # A car that stops fades from the mask and lives on by its colours; anything else does not.
-    missed = item.lost_frames if item.is_car else item.unseen_frames
+    missed = item.lost_frames if _may_fade(item) else item.unseen_frames
     return inside and missed <= MAX_MISSED_FRAMES
+
+
+def _inside(boxes: Floats, shape: tuple[int, ...]) -> Bools:
+    """Return which boxes the picture's edge does not cut."""
+    far = boxes[:, :2] + boxes[:, 2:]
+    low_enough = (far < [shape[1] - 1, shape[0] - 1]).all(axis=1)
+    return np.asarray((boxes[:, :2] > 1).all(axis=1) & low_enough)
 
 
 def _without_doubles(objects: list[_Object]) -> list[_Object]:
@@ -217,6 +249,15 @@ def _grown(box: Box) -> Box:
     return x - margin, y - margin, width + 2 * margin, height + 2 * margin
 
 
+def _overlap(a: Box, b: Box) -> float:
+    """Intersection over union."""
+    width = min(a[0] + a[2], b[0] + b[2]) - max(a[0], b[0])
+    height = min(a[1] + a[3], b[1] + b[3]) - max(a[1], b[1])
+    if width <= 0 or height <= 0:
+        return 0.0
+    return width * height / (a[2] * a[3] + b[2] * b[3] - width * height)
+
+
 def _centre(box: Box) -> tuple[float, float]:
     return box[0] + box[2] / 2, box[1] + box[3] / 2
 
@@ -224,7 +265,3 @@ def _centre(box: Box) -> tuple[float, float]:
 def _contains(box: Box, point: tuple[float, float]) -> bool:
     x, y, width, height = box
     return x <= point[0] <= x + width and y <= point[1] <= y + height
-
-
-def _distance(a: tuple[float, float], b: tuple[float, float]) -> float:
-    return float(np.hypot(a[0] - b[0], a[1] - b[1]))
