@@ -140,6 +140,12 @@ class Site(Settings):
                 "the file mixes latitude/longitude with local metres; "
                 "say where (0, 0) is with origin = [latitude, longitude] in [site]"
             )
+        local_axes = any(a.axis_enu_m is not None for a in self.approach)
+        if local_axes and not self.control_point and self.site.origin is None:
+            raise ValueError(
+                "axis_enu_m counts metres from an unknown place; "
+                "say where (0, 0) is with origin = [latitude, longitude] in [site]"
+            )
         return self
 
     @property

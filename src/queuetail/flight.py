@@ -69,7 +69,9 @@ def open_flight(video: Path, telemetry: Path | None, site: Site) -> Flight:
             _check_fields(log, source or video, site)
         if log is not None:
             _check_overlap(log, source or video, file.info)
-        origin = site_origin(site) or (_first_place(log) if log is not None else None)
+        origin = site_origin(site)
+        if origin is None and log is not None and not site.control_point:
+            origin = _first_place(log)  # control points in local metres stay local: not one place
     except InputError:
         file.close()
         raise

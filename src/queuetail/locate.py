@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,7 +47,7 @@ def locate(
     if source.suffix.lower() in STILL_SUFFIXES and telemetry is None:
         mapping, size = _still_mapping(source, site)
     else:
-        mapping, size = _video_mapping(source, time_s, telemetry, site)
+        mapping, size = _video_mapping(source, time_s, telemetry, site, site_file)
     if not (0 <= px[0] <= size[0] and 0 <= px[1] <= size[1]):
         raise InputError(f"pixel {px[0]:g},{px[1]:g} lies outside {source} ({size[0]}×{size[1]})")
     point = np.array([px], float)
@@ -73,14 +74,18 @@ def _still_mapping(source: Path, site: Site) -> tuple[GroundMapping, tuple[int, 
 
 
 def _video_mapping(
-    source: Path, time_s: float, telemetry: Path | None, site: Site
+    source: Path, time_s: float, telemetry: Path | None, site: Site, site_file: Path | None
 ) -> tuple[GroundMapping, tuple[int, int]]:
     with open_flight(source, telemetry, site) as flight:
         size = flight.video.width_px, flight.video.height_px
         end_s = flight.video.duration_s
-        if time_s < 0 or (end_s is not None and time_s > end_s):
-            raise InputError(f"{source} has no picture at {time_s:g} s (it runs 0 … {end_s:.1f} s)")
-        mapper = choose_mapper(site, flight.origin, *size)
+        if not 0 <= time_s <= (math.inf if end_s is None else end_s):
+            runs = "from 0 s" if end_s is None else f"0 … {end_s:.1f} s"
+            raise InputError(f"{source} has no picture at {time_s:g} s (it runs {runs})")
+        try:
+            mapper = choose_mapper(site, flight.origin, *size)
+        except InputError as error:
+            raise InputError(f"{site_file}: {error}") from None
         mapping = mapper.mapping(flight.telemetry_at(time_s))
     if isinstance(mapping, Unknown):
         raise InputError(f"{source} at {time_s:g} s: {'; '.join(mapping.reasons)}")

@@ -6,6 +6,7 @@ import hashlib
 import json
 import platform
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -59,34 +60,44 @@ def run(
     Ctrl-C ends the run early and leaves valid files of what was done.  Raises InputError.
     """
     site = read_site(site_file) if site_file else Site()
-    folder = writable_folder(out)
-    with open_flight(video, telemetry, site) as flight:
-        opened(flight.video)
+    with open_flight(video, telemetry, site) as flight, ExitStack() as closing:
+        folder = writable_folder(out)
         watch = Stopwatch()
         size = flight.video.width_px, flight.video.height_px
-        pipeline = PRESETS[preset](site, flight.origin, *size, watch.lap)
+        pipeline = _build(preset, site, site_file, flight, watch)
         info = RunInfo(folder, flight.video.name, *size, flight.video.frame_rate_hz, preset, site)
         sinks = standard_sinks(info, with_video)
+        for sink in reversed(sinks):  # so that they close in order, each even if another fails
+            closing.callback(sink.close)
+        opened(flight.video)
         started = perf_counter()
-        try:
-            frames, last_s, interrupted = _process(flight, pipeline, sinks, watch, progress)
-            _write_run_json(
-                folder / "run.json",
-                flight=flight,
-                site=site,
-                preset=preset,
-                approaches=pipeline.road.approaches,
-                frames=frames,
-                duration_s=last_s,
-                timings_ms=watch.mean_ms(frames),
-                wall_s=round(perf_counter() - started, 3),
-                interrupted=interrupted,
-            )
-        finally:
-            for sink in sinks:
-                sink.close()
+        frames, last_s, interrupted = _process(flight, pipeline, sinks, watch, progress)
+        _write_run_json(
+            folder / "run.json",
+            flight=flight,
+            site=site,
+            preset=preset,
+            approaches=pipeline.road.approaches,
+            frames=frames,
+            duration_s=last_s,
+            timings_ms=watch.mean_ms(frames),
+            wall_s=round(perf_counter() - started, 3),
+            interrupted=interrupted,
+        )
         notes = flight.notes
     return RunResult(folder, preset, frames, last_s, perf_counter() - started, interrupted, notes)
+
+
+def _build(
+    preset: str, site: Site, site_file: Path | None, flight: Flight, watch: Stopwatch
+) -> Pipeline:
+    """Plug the preset's parts together; what is wrong then is wrong in the site file."""
+    try:
+        return PRESETS[preset](
+            site, flight.origin, flight.video.width_px, flight.video.height_px, watch.lap
+        )
+    except InputError as error:
+        raise InputError(f"{site_file}: {error}") from None
 
 
 def _process(

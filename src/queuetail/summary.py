@@ -17,7 +17,7 @@ from queuetail.video import VideoInfo
 
 
 class RunProgress:
-    """A progress bar with the newest answer beside it."""
+    """A progress bar with the newest answer beside it; bad input shows none."""
 
     def __init__(self, name: str) -> None:
         self._bar = Progress(
@@ -29,10 +29,10 @@ class RunProgress:
             console=Console(stderr=True),
             transient=False,
         )
+        self._started = False
         self._task: TaskID = self._bar.add_task(name, total=None, answer="")
 
     def __enter__(self) -> RunProgress:
-        self._bar.start()
         return self
 
     def __exit__(
@@ -41,11 +41,14 @@ class RunProgress:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._bar.stop()
+        if self._started:
+            self._bar.stop()
 
     def opened(self, video: VideoInfo) -> None:
-        """Say how long the work is."""
+        """Show the bar, now that the input is known to be good, and say how long the work is."""
         self._bar.update(self._task, total=video.duration_s)
+        self._bar.start()
+        self._started = True
 
     def update(self, observation: Observation) -> None:
         """Show how far the run is and what it sees."""
