@@ -8,8 +8,8 @@ import numpy as np
 
 from queuetail.config import parse_settings
 from queuetail.errors import InputError
+from queuetail.sim.check import check_drawable
 from queuetail.sim.scenario import Scenario
-from queuetail.sim.simulate import check_drawable
 
 ATTEMPTS = 50
 CAUSES = ("flagger", "flagger", "signal", "lane_drop", "incident", "waves", "moving_bottleneck")

@@ -12,13 +12,17 @@ from pathlib import Path
 import av
 import numpy as np
 from av.video.stream import VideoStream
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as Bar
 
 from queuetail.errors import InputError
-from queuetail.sim.axis import VIEW_STATION_M, Axis
-from queuetail.sim.flight import TruePath, look
+from queuetail.sim.check import check_drawable
+from queuetail.sim.flight import TruePath
 from queuetail.sim.log import flight_log, write_csv, write_srt
+from queuetail.sim.randomised import random_scenario
 from queuetail.sim.render import Renderer
-from queuetail.sim.scenario import Scenario
+from queuetail.sim.scenario import Scenario, read_scenario
 from queuetail.sim.site import write_pose, write_scenario, write_site
 from queuetail.sim.traffic import require_sumo, simulate_traffic
 from queuetail.sim.transport import write_transport_stream
@@ -27,38 +31,12 @@ from queuetail.types import Floats, Image, Ints
 
 CLOCK_HZ = 90_000
 THREADS = 2
-LEAST_ROAD_M = 40.0
-LEAST_LANE_PX = 2.0
 
 Progress = Callable[[str, int, int], None]
 
 
 def quiet(stage: str, done: int, total: int) -> None:
     """Show no progress."""
-
-
-def check_drawable(scenario: Scenario) -> None:
-    """Raise InputError where the camera sees no road, or too little of it, before time is spent."""
-    view = look(scenario)
-    axis = Axis.of(scenario.road)
-    station = VIEW_STATION_M + np.arange(-700.0, 700.1, 1.0)
-    middle = np.full_like(station, -0.5 * scenario.road.lanes * scenario.road.lane_width_m)
-    px = view.ground_px(axis.enu(station, middle))
-    lens = view.pose.intrinsics
-    seen = ((px >= 0) & (px < [lens.width_px, lens.height_px])).all(axis=1)
-    name = scenario.scenario.name
-    if seen.sum() < LEAST_ROAD_M:
-        raise InputError(
-            f"scenario '{name}': the camera sees {int(seen.sum())} m of the road, at least "
-            f"{LEAST_ROAD_M:g} m are needed; change [flight] height_m, pitch_deg, hfov_deg or aim_m"
-        )
-    edge = view.ground_px(axis.enu(station[seen], middle[seen] + scenario.road.lane_width_m))
-    lane_px = float(np.linalg.norm(edge - px[seen], axis=1).max())
-    if lane_px < LEAST_LANE_PX:
-        raise InputError(
-            f"scenario '{name}': a lane is only {lane_px:.1f} px wide in the picture; lower "
-            "[flight] height_m or hfov_deg, or raise [picture] width_px"
-        )
 
 
 def frame_ticks(scenario: Scenario, seed: int) -> Ints:
@@ -151,3 +129,26 @@ def _encode(
             container.mux(stream.encode(frame))
             progress("frames", i + 1, len(ticks))
         container.mux(stream.encode(None))
+
+
+def command(scenario: Path | None, out: Path, seed: int | None, random_seed: int | None) -> int:
+    """Simulate a scenario file, or one drawn by `random_seed`; raises InputError on bad input."""
+    if (scenario is None) == (random_seed is None):
+        raise InputError("simulate needs either a scenario file or --random SEED")
+    chosen = read_scenario(scenario) if scenario else random_scenario(random_seed or 0)
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
+    with Bar(*columns, console=console) as bar:
+        tasks = {name: bar.add_task(name, total=None) for name in ("traffic", "frames")}
+
+        def show(stage: str, done: int, total: int) -> None:
+            bar.update(tasks[stage], completed=done, total=total)
+
+        simulate(chosen, out, seed, show)
+    console.print(f"{out}: flight.mp4 with telemetry, truth and site file")
+    return 0
