@@ -111,7 +111,7 @@ def test_standing_vehicles_and_gaps_do_no_harm() -> None:
     assert_same_road(found, true)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(
     bend=st.floats(-1 / 100, 1 / 100),
     lanes=st.integers(1, 4),

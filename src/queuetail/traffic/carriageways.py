@@ -13,9 +13,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from queuetail.traffic.centreline import fit, resample, shift_aside, trace
+from queuetail.traffic.centreline import (
+    TRACED_BEND_M,
+    UNIFORM_BEND_M,
+    fit,
+    resample,
+    shift_aside,
+    trace,
+    uniform,
+)
 from queuetail.traffic.discovery import course_name
-from queuetail.traffic.lanes import Lanes, fit_lanes
+from queuetail.traffic.lanes import IN_LANE, Lanes, fit_lanes
 from queuetail.traffic.paths import Samples, Trajectory, extent_m, sample
 from queuetail.traffic.road import locate
 from queuetail.types import Approach, Bools, Floats, Ints
@@ -30,6 +38,7 @@ SAME_WAY_COS = float(np.cos(np.radians(25.0)))
 VOTE_SAMPLES = 5  # a vehicle's mean offset over these is one vote for a lane
 MAX_DRIFT = 0.08  # metres aside per metre along: more is a change of lanes or another course
 LANE_KEEPING_M = 0.3
+MISFIT_RATIO, MISFIT_M = 1.1, 0.02  # a plain curve may fit so much worse than a traced one
 FREE_M = 10.0  # an offset before anything is known of it
 AXIS_POINT_M = 15.0
 MAX_SEEDS = 60
@@ -83,8 +92,7 @@ def _carriageway(free: Samples, seed: int, owners: int) -> _Found | None:
     near = free.where(_beside(free, curve))
     if not _sure(near, owners):
         return None
-    group = np.unique(near.owner, return_inverse=True)[1]
-    curve, _ = fit(curve, near, group, np.zeros(group.max() + 1), FREE_M)
+    curve, bend_m = _simplest(curve, near)
     members = near
     for _ in range(2):
         votes = _votes(near, curve)
@@ -97,7 +105,7 @@ def _carriageway(free: Samples, seed: int, owners: int) -> _Found | None:
         members = near.where(used)
         if not _sure(members, owners):
             return None
-        curve, _ = _fit_to_lanes(curve, members, votes.vote[used], lanes, lane)
+        curve = _fit_to_lanes(curve, members, votes, used, lanes, bend_m)
     lanes = _lanes_of(members, curve, lanes)
     axis = _spanned(resample(shift_aside(curve, lanes.left_edge_m), AXIS_POINT_M), members)
     approach = Approach("", axis, 0.0, lanes.count, lanes.width_m)
@@ -110,13 +118,34 @@ def _sure(samples: Samples, owners: int) -> bool:
     return len(moved) >= MIN_VEHICLES or (len(moved) == 2 and float(moved.sum()) >= MIN_TOTAL_M)
 
 
+def _simplest(curve: Floats, near: Samples) -> tuple[Floats, float]:
+    """Fit every vehicle's own offset to a curve of one curvature, or as traced if that is no fit.
+
+    Returns the curve, and how much it may still bend.
+    """
+    group = np.unique(near.owner, return_inverse=True)[1]
+    mean_m, sigma_m = np.zeros(group.max() + 1), np.full(group.max() + 1, FREE_M)
+    plain, plain_m = fit(uniform(curve), near, group, mean_m, sigma_m, UNIFORM_BEND_M)
+    traced, traced_m = fit(curve, near, group, mean_m, sigma_m, TRACED_BEND_M)
+    if plain_m < traced_m * MISFIT_RATIO + MISFIT_M:
+        return plain, UNIFORM_BEND_M
+    return traced, TRACED_BEND_M
+
+
 def _fit_to_lanes(
-    curve: Floats, members: Samples, vote: Ints, lanes: Lanes, lane: Ints
-) -> tuple[Floats, Floats]:
-    """Fit the curve with every vehicle held near the centre of the lane that it is in."""
-    pair = members.owner * lanes.count + lane[vote]
-    pairs, group = np.unique(pair, return_inverse=True)
-    return fit(curve, members, group, lanes.centres_m[pairs % lanes.count], LANE_KEEPING_M)
+    curve: Floats, members: Samples, votes: _Votes, used: Bools, lanes: Lanes, bend_m: float
+) -> Floats:
+    """Fit the curve with every vehicle held near the centre of the lane that it is in.
+
+    One that keeps between two lanes, as merged vehicles do, is held by nothing.
+    """
+    lane = lanes.index(votes.offset_m)
+    vote = votes.vote[used]
+    pairs, group = np.unique(members.owner * lanes.count + lane[vote], return_inverse=True)
+    centre = lanes.centres_m[pairs % lanes.count]
+    miss = np.bincount(group, votes.offset_m[vote]) / np.bincount(group) - centre
+    sigma_m = np.where(np.abs(miss) < IN_LANE * lanes.width_m, LANE_KEEPING_M, FREE_M)
+    return fit(curve, members, group, centre, sigma_m, bend_m)[0]
 
 
 def _lanes_of(members: Samples, curve: Floats, lanes: Lanes) -> Lanes:

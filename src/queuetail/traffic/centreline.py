@@ -16,7 +16,9 @@ MAX_GAP_M = 40.0  # of traffic-free road that the trace crosses straight on
 MAX_STEPS = 2000
 NODE_M = 10.0
 NOISE_M = 0.5  # of a sample across the road
-BEND_M = 0.15  # standard deviation of a correction's second difference over `NODE_M`
+# Standard deviations of a correction's second difference over `NODE_M`: of a traced curve, and of
+# one of uniform curvature, which roads nearly have as far as a camera sees.
+TRACED_BEND_M, UNIFORM_BEND_M = 0.15, 0.02
 HUBER = 1.5
 FIT_ROUNDS = 4
 
@@ -58,6 +60,19 @@ def _course_at(samples: Samples, place: Floats, unit: Floats) -> Floats | None:
     return np.array([c * unit[0] - s * unit[1], s * unit[0] + c * unit[1]])
 
 
+def uniform(curve: Floats) -> Floats:
+    """Return the curve of one curvature that fits a traced one best, (k, 2) -> (k, 2)."""
+    legs = np.diff(curve, axis=0)
+    lengths = np.linalg.norm(legs, axis=1)
+    at = np.concatenate([[0.0], np.cumsum(lengths)])
+    middle = (at[1:] + at[:-1]) / 2
+    heading = np.unwrap(np.arctan2(legs[:, 1], legs[:, 0]))
+    slope, start = np.polyfit(middle, heading, 1) if len(legs) > 2 else (0.0, heading.mean())
+    units = np.column_stack([np.cos(start + slope * middle), np.sin(start + slope * middle)])
+    places = np.concatenate([[[0.0, 0.0]], np.cumsum(units * lengths[:, None], axis=0)])
+    return np.asarray(places + (curve - places).mean(axis=0))
+
+
 def shift_aside(curve: Floats, offset_m: Floats | float) -> Floats:
     """Return the curve (k, 2) moved to its left by an offset, one for all or one per point."""
     tangent = np.gradient(curve, axis=0)
@@ -76,11 +91,16 @@ def resample(curve: Floats, spacing_m: float) -> Floats:
 
 
 def fit(
-    curve: Floats, samples: Samples, group: Ints, mean_m: Floats, sigma_m: float
-) -> tuple[Floats, Floats]:
-    """Bend the curve until every group of samples keeps one offset; -> curve, offsets (groups,).
+    curve: Floats,
+    samples: Samples,
+    group: Ints,
+    mean_m: Floats,
+    sigma_m: Floats,
+    bend_m: float = TRACED_BEND_M,
+) -> tuple[Floats, float]:
+    """Bend the curve until every group of samples keeps one offset; -> curve, misfit in metres.
 
-    `group` (n,) says which samples belong together, and `mean_m` (groups,) and `sigma_m` what is
+    `group` (n,) says which samples belong together, and `mean_m` and `sigma_m` (groups,) what is
     known of their offsets before.  Robust least squares over the curve's lateral correction at
     nodes and the groups' offsets at once, the correction's second difference held small.
     """
@@ -93,7 +113,7 @@ def fit(
     A = np.zeros((len(station), k + g))
     rows = np.arange(len(station))
     A[rows, low], A[rows, low + 1], A[rows, k + group] = 1 - (at - low), at - low, 1.0
-    normal0, rhs0 = _prior(k, mean_m, sigma_m)
+    normal0, rhs0 = _prior(k, mean_m, sigma_m, bend_m)
     solution = np.zeros(k + g)
     weight = np.full(len(station), NOISE_M**-2)
     for _ in range(FIT_ROUNDS):
@@ -101,13 +121,14 @@ def fit(
         solution = np.linalg.solve(weighted.T @ A + normal0, weighted.T @ offset + rhs0)
         r = np.abs(offset - A @ solution) / NOISE_M
         weight = NOISE_M**-2 * np.minimum(1.0, HUBER / np.maximum(r, 1e-9))
-    return shift_aside(nodes, solution[:k]), solution[k:]
+    misfit = float(np.minimum(np.abs(offset - A @ solution), 1.0).mean())
+    return shift_aside(nodes, solution[:k]), misfit
 
 
-def _prior(nodes: int, mean_m: Floats, sigma_m: float) -> tuple[Floats, Floats]:
+def _prior(nodes: int, mean_m: Floats, sigma_m: Floats, bend_m: float) -> tuple[Floats, Floats]:
     """Return the normal equations of what is known without samples."""
     second = np.diff(np.eye(nodes), n=2, axis=0)
     normal = np.zeros((nodes + len(mean_m),) * 2)
-    normal[:nodes, :nodes] = second.T @ second / BEND_M**2 + np.eye(nodes) * 1e-4
-    normal[nodes:, nodes:] = np.eye(len(mean_m)) / sigma_m**2
+    normal[:nodes, :nodes] = second.T @ second / bend_m**2 + np.eye(nodes) * 1e-4
+    normal[nodes:, nodes:] = np.diag(sigma_m**-2.0)
     return normal, np.concatenate([np.zeros(nodes), mean_m / sigma_m**2])

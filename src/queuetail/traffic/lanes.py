@@ -15,7 +15,7 @@ SPREAD_M = 0.45  # of a vehicle's mean offset about its lane's centre
 MAX_GAP_M = 1.5 * DEFAULT_WIDTH_M  # between lane centres of one carriageway
 MIN_SHARE = 0.04  # of the vehicles: fewer are strays, no lane
 MIN_VOTES = 2  # of a lane's only vehicle
-IN_LANE = 0.35  # of the width from the centre
+IN_LANE = 0.3  # of the width from the centre
 
 
 @dataclass(frozen=True, slots=True)
