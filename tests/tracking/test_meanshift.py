@@ -150,7 +150,7 @@ def test_mean_shift_holds_what_stops() -> None:
     drive = Drive()
     for k in range(40):
         drive.step([(40 + 3 * k, 100)])
-    for _ in range(15):  # stopped, and still in the mask
+    for _ in range(45):  # stopped, and still in the mask
         drive.step([(157, 100)])
     for _ in range(200):  # 8 s at a standstill, faded from the mask
         tracks = drive.step([(157, 100)], seen=[])

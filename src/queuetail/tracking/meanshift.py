@@ -34,7 +34,8 @@ Box = tuple[float, float, float, float]  # x, y, width, height in raster pixels
 MIN_AGE_FRAMES = 8  # the paper's: younger objects are no cars yet
 MAX_MISSED_FRAMES = 8
 MIN_OVERLAP = 0.15  # intersection over union of a window and the blob that it may take
-MAX_FADING_SPEED_MPS = 3.0  # what moves faster does not fade from the mask
+MAX_STANDING_SPEED_MPS = 3.0
+MIN_STANDING_S = 1.0  # no background model absorbs a car sooner
 MIN_WEIGHT = 90  # of 255: mean back-projection in the window below which the object is lost
 SPEED_WINDOW_S = 0.5  # past positions are compared over this time: one pixel per frame is 15 mph
 MAX_SPEED_MPS = 60.0
@@ -58,7 +59,8 @@ class _Object:
     lost_frames: int = 0  # in which its colours were gone from the window
     is_car: bool = False
     top_speed_mps: float = 0.0
-    seen_speed_mps: float = 0.0  # when it last had a blob
+    slow_since_s: float | None = None  # by its blobs; None while it drives
+    stood_s: float = 0.0  # for how long it had stood when it last had a blob
 
 
 class MeanShiftTracker:
@@ -69,8 +71,12 @@ class MeanShiftTracker:
         self._objects: list[_Object] = []
         self._next_id = 1
 
+    def footprints(self) -> None:
+        """Say nothing: the paper's background does not ask."""
+
     def update(self, points: GroundPoints, scene: Scene) -> Tracks:
         """Move every window to its object, take in the new blobs, and return all objects."""
+        assert isinstance(scene.raster, Raster)
         image = scene.raster.image
         colour = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)
         scale = scene.raster.H_px_raster[0, 0], scene.raster.H_px_raster[1, 1]
@@ -109,6 +115,7 @@ class MeanShiftTracker:
 
     def _tracks(self, scene: Scene) -> Tracks:
         boxes = np.array([o.window for o in self._objects], float).reshape(-1, 4)
+        assert isinstance(scene.raster, Raster)
         located = self._locate(
             Detections(boxes, boxes[:, 2] * boxes[:, 3]), scene.raster, scene.mapping
         )
@@ -119,7 +126,7 @@ class MeanShiftTracker:
             if speeds[i] < MAX_SPEED_MPS and len(item.past) >= MIN_AGE_FRAMES:
                 item.top_speed_mps = max(item.top_speed_mps, float(speeds[i]))
             if not item.unseen_frames:
-                item.seen_speed_mps = float(speeds[i])
+                _note_standing(item, float(speeds[i]), scene.t_s)
             item.is_car = _is_car(item, located.length_m[i], located.width_m[i], speeds[i])
         return Tracks(
             ids=np.array([o.track_id for o in self._objects], np.int64),
@@ -180,7 +187,15 @@ def _may_fade(item: _Object) -> bool:
 
     What drives does not fade from the mask, so a window that loses its blob then lost its car.
     """
-    return item.is_car and item.seen_speed_mps <= MAX_FADING_SPEED_MPS
+    return item.is_car and item.stood_s >= MIN_STANDING_S
+
+
+def _note_standing(item: _Object, speed_mps: float, t_s: float) -> None:
+    if not speed_mps <= MAX_STANDING_SPEED_MPS:
+        item.slow_since_s = None
+    elif item.slow_since_s is None:
+        item.slow_since_s = t_s
+    item.stood_s = 0.0 if item.slow_since_s is None else t_s - item.slow_since_s
 
 
 def _new_object(track_id: int, box: Box, colour: Image) -> _Object:
