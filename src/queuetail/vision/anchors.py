@@ -6,6 +6,7 @@ centres of pixels.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -16,7 +17,7 @@ from queuetail.types import Bools, Floats, Image
 
 WINDOW = (15, 15)  # pixels of a template
 EDGE = 8.0  # pixels from the border that a template needs
-GRID = (14, 8)  # buckets across and down, one feature each
+GRID = (12, 7)  # buckets across and down, one feature each
 CONTRAST = 22.0  # grey levels: the standard deviation that pictures are brought to
 MAX_GAIN = 8.0
 MEAN_GREY = 128
@@ -33,7 +34,7 @@ MAX_FAULT = 0.8
 # half pictures: only decides what the features leave open, as when they are few or on a line.
 STIFFNESS = np.array([0.01, 0.01, 1e-3, 0.01, 0.01, 1e-3, 0.04, 0.04]) ** 2
 IDENTITY = np.array([1.0, 0, 0, 0, 1.0, 0, 0, 0])
-CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 0.02)
+CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 10, 0.02)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +55,7 @@ class Anchor:
     H_anchor_ref: Floats
     t_s: float
     faults: Floats  # (n,)
+    H_ref_anchor: Floats
     described: tuple[Floats, Image | None] | None = None  # for the search without a guess
 
     def usable(self) -> Bools:
@@ -107,14 +109,19 @@ def normalised(small: Image) -> Picture:
     A feature's template then has no mean, so that a changed gain cannot pull it aside either.
     """
     height, width = small.shape
-    coarse_size = (max(width // 4, 1), max(height // 4, 1))
-    coarse = cv2.resize(small, coarse_size, interpolation=cv2.INTER_AREA)
-    coarse = cv2.blur(coarse, (7, 7))
+    coarse = cv2.blur(halved(halved(small)), (7, 7))
     slow = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
-    sample = small[::6, ::6].astype(np.float32) - slow[::6, ::6]
-    detail = float(sample.std())
+    sample = (small[::6, ::6].astype(np.float32) - slow[::6, ::6]).ravel()
+    detail = math.sqrt(float(sample @ sample) / len(sample))
     gain = min(CONTRAST / max(detail, 1e-6), MAX_GAIN)
     return Picture(cv2.addWeighted(small, gain, slow, -gain, MEAN_GREY), detail)
+
+
+def halved(image: Image) -> Image:
+    """Return a picture half as wide and high, each pixel the mean of four: fast, not aliased."""
+    width, height = image.shape[1] // 2, image.shape[0] // 2
+    even = image[: 2 * height, : 2 * width]
+    return cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA)
 
 
 def anchor_at(
@@ -132,6 +139,7 @@ def anchor_at(
         H_anchor_ref=H_anchor_ref,
         t_s=t_s,
         faults=np.zeros(len(points)),
+        H_ref_anchor=np.asarray(np.linalg.inv(H_anchor_ref)),
     )
 
 
@@ -161,7 +169,9 @@ def measure(anchor: Anchor, image: Image, guess: Floats, levels: int) -> Fit:
     agree = nothing
     agree[seen] = agree_seen
     H = base @ D @ guess
-    miss_px = float(np.median(np.abs(end - start)[agree_seen])) if agree_seen.any() else np.inf
+    miss_px = (
+        float(_middle(np.abs(end - start)[agree_seen].ravel())) if agree_seen.any() else np.inf
+    )
     coverage = _coverage(start[agree_seen], width, height)
     share = float(agree_seen.mean())
     if not _is_sane(D, width, height):
@@ -173,8 +183,7 @@ def moved(H: Floats, points: Floats) -> Floats:
     """Map points by a homography, (n, 2) -> (n, 2); far away where they lie on its far side."""
     xyw = points @ H[:, :2].T + H[:, 2]
     w = xyw[:, 2:]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(w > 0, xyw[:, :2] / w, -1e6)
+    return np.where(w > 0, xyw[:, :2] / np.where(w > 0, w, 1.0), -1e6)
 
 
 def _corners(image: Image, blocked: Image | None) -> Floats:
@@ -230,7 +239,7 @@ def _fit_plane(
     a = start[matched] * (2 / width) + [-1, -height / width]
     b = end[matched] * (2 / width) + [-1, -height / width]
     shift = b - a
-    off = np.linalg.norm(shift - np.median(shift, axis=0), axis=1)
+    off = np.hypot(shift[:, 0] - _middle(shift[:, 0]), shift[:, 1] - _middle(shift[:, 1]))
     px = 2 / width
     h, residual = _reweighted(a, b, off, px)
     if (residual < AGREE_PX * px).mean() < 0.6:
@@ -252,8 +261,8 @@ def _reweighted(a: Floats, b: Floats, off: Floats, px: float) -> tuple[Floats, F
     A[:n, 6:], A[n:, 6:] = -a * b[:, :1], -a * b[:, 1:]
     target = b.T.ravel()
     h, residual = IDENTITY, off
-    for floor in (1.0, 0.5, 0.3, 0.3):
-        scale = max(2.0 * float(np.median(residual)), floor * px)
+    for floor in (1.0, 0.4, 0.3):
+        scale = max(2.0 * _middle(residual), floor * px)
         weight = 1 / (1 + (residual / scale) ** 2) ** 2
         weighted = A * np.concatenate([weight, weight])[:, None]
         h = np.linalg.solve(
@@ -286,10 +295,16 @@ def _coverage(points: Floats, width: int, height: int) -> float:
 
 def _is_sane(D: Floats, width: int, height: int) -> bool:
     """Whether a correction keeps the picture's corners in front, in order and of like size."""
-    corners = np.array([[0.0, 0], [width, 0], [width, height], [0, height]])
-    w = corners @ D[2, :2] + D[2, 2]
-    if (w <= 0.2).any():
+    corners = np.array([[0.0, 0, 1], [width, 0, 1], [width, height, 1], [0, height, 1]])
+    xyw = corners @ D.T
+    if xyw[:, 2].min() <= 0.2:
         return False
-    x, y = moved(D, corners).T
-    area = 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+    (ax, ay), (bx, by), (cx, cy), (dx, dy) = (xyw[:, :2] / xyw[:, 2:]).tolist()
+    area = 0.5 * ((cx - ax) * (dy - by) - (cy - ay) * (dx - bx))
     return 0.4 < area / (width * height) < 2.5
+
+
+def _middle(values: Floats) -> float:
+    """Return the upper median: np.median takes longer than the fit that needs it."""
+    half = len(values) // 2
+    return float(np.partition(values, half)[half])

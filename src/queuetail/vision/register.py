@@ -9,6 +9,8 @@ as they are in view again.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import cv2
 import numpy as np
 
@@ -22,12 +24,13 @@ from queuetail.vision.anchors import (
     Fit,
     Picture,
     anchor_at,
+    halved,
     measure,
     moved,
     normalised,
 )
 
-WORKING_WIDTH_PX = 640  # pictures are halved while they stay at least this wide
+WORKING_WIDTH_PX = 640  # narrower pictures stay as they are
 LEAST_FEATURES = 24  # an anchor has at least this many
 IN_VIEW_SHARE = 0.55  # of its features; below it, the next anchor is taken
 RETURN_SHARE = 0.7
@@ -50,8 +53,13 @@ class GroundRegistration:
         self._halvings = 0
         while width_px >> (self._halvings + 1) >= WORKING_WIDTH_PX:
             self._halvings += 1
-        factor = float(1 << self._halvings)
-        self._H_px_small = np.array([[factor, 0, factor / 2], [0, factor, factor / 2], [0, 0, 1.0]])
+        width, height = width_px >> self._halvings, height_px >> self._halvings
+        self._working = (width, height)
+        if width > WORKING_WIDTH_PX:
+            self._working = (WORKING_WIDTH_PX, max(round(height * WORKING_WIDTH_PX / width), 1))
+        across = (width << self._halvings) / self._working[0]
+        down = (height << self._halvings) / self._working[1]
+        self._H_px_small = np.array([[across, 0, across / 2], [0, down, down / 2], [0, 0, 1.0]])
         self._H_small_px = np.linalg.inv(self._H_px_small)
         self._epoch = 0
         self._anchors: list[Anchor] = []
@@ -101,13 +109,13 @@ class GroundRegistration:
         return self._answer(H_frame_ref, fit.quality)
 
     def _small(self, luma: Image) -> Image:
-        """Halve the picture some times: cheap, exact in place, and free of aliasing."""
+        """Halve the picture while it stays wide enough, then scale what is left of the way."""
         small = luma
         for _ in range(self._halvings):
-            height, width = small.shape[0] // 2, small.shape[1] // 2
-            even = small[: 2 * height, : 2 * width]
-            small = cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA)
-        return small
+            small = halved(small)
+        if (small.shape[1], small.shape[0]) == self._working:
+            return small
+        return cv2.resize(small, self._working, interpolation=cv2.INTER_LINEAR)
 
     def _small_frame_ref(self, H_ref_frame: Floats) -> Floats | None:
         H = self._H_small_px @ H_ref_frame @ self._H_px_small
@@ -128,7 +136,7 @@ class GroundRegistration:
         return self._restart(anchor, t_s)
 
     def _restart(self, anchor: Anchor, t_s: float) -> Registration:
-        anchor.H_anchor_ref = np.eye(3)
+        anchor.H_anchor_ref = anchor.H_ref_anchor = np.eye(3)
         self._anchors, self._current = [anchor], 0
         self._track = [(t_s, np.eye(3))]
         self._told, self._candidate = None, None
@@ -148,7 +156,7 @@ class GroundRegistration:
     def _blocked(self, moving_px: Floats | None) -> Image | None:
         if moving_px is None or moving_px.size == 0:
             return None
-        width, height = (side >> self._halvings for side in self._size)
+        width, height = self._working
         mask = np.zeros((height, width), np.uint8)
         for polygon in moving_px if moving_px.ndim == 3 else moving_px[None]:
             corners = np.clip(moved(self._H_small_px, polygon), -1e4, 1e4)
@@ -163,9 +171,9 @@ class GroundRegistration:
         for rank, guess in enumerate(self._guesses(t_s, told)):
             levels = 3 if rank or lost or self._miss_px > 3 * CLOSE_PX else 1
             levels = 0 if not rank and not lost and self._miss_px < CLOSE_PX else levels
-            fit = measure(anchor, picture.image, guess @ _inverse(anchor.H_anchor_ref), levels)
+            fit = measure(anchor, picture.image, guess @ anchor.H_ref_anchor, levels)
             if not fit.good and levels < 3:
-                fit = measure(anchor, picture.image, guess @ _inverse(anchor.H_anchor_ref), 3)
+                fit = measure(anchor, picture.image, guess @ anchor.H_ref_anchor, 3)
             if fit.good:
                 return fit
             best = fit if fit.agree.sum() > best.agree.sum() else best
@@ -176,8 +184,8 @@ class GroundRegistration:
                 return found
         return best
 
-    def _guesses(self, t_s: float, told: Floats | None) -> list[Floats]:
-        """Return where the reference may be: motion goes on, as telemetry says, or stops."""
+    def _guesses(self, t_s: float, told: Floats | None) -> Iterator[Floats]:
+        """Yield where the reference may be: motion goes on, as telemetry says, or it stopped."""
         last_t_s, last = self._track[-1]
         guesses = []
         if len(self._track) == 2:
@@ -190,15 +198,20 @@ class GroundRegistration:
         guesses.append(last)
         if told is not None:
             guesses.append(told)
-        width, height = (side >> self._halvings for side in self._size)
-        here = np.array([[0.0, 0], [width, 0], [width, height], [0, height]])
-        kept: list[Floats] = []
+        tried: list[Floats] = []
         for guess in guesses:
-            seen_from = moved(_inverse(last), here)
-            spread = [np.abs(moved(guess, seen_from) - moved(k, seen_from)).max() for k in kept]
-            if not spread or min(spread) > SAME_GUESS_PX:
-                kept.append(guess / guess[2, 2])
-        return kept
+            if not tried or self._differs(guess, tried, last):
+                tried.append(guess)
+                yield guess / guess[2, 2]
+
+    def _differs(self, guess: Floats, tried: list[Floats], last: Floats) -> bool:
+        """Whether a guess puts a corner of the last picture far from where the others do."""
+        width, height = self._working
+        corners = np.array([[0.0, 0], [width, 0], [width, height], [0, height]])
+        on_ground = moved(_inverse(last), corners)
+        here = moved(guess, on_ground)
+        off = [np.abs(here - moved(other, on_ground)).max() for other in tried]
+        return bool(min(off) > SAME_GUESS_PX)
 
     def _search(self, picture: Picture) -> Fit | None:
         """Match described features of the whole picture against the anchors (ORB, Rublee 2011)."""
@@ -275,8 +288,8 @@ class GroundRegistration:
 
     def _is_back(self, anchor: Anchor, picture: Picture, H_frame_ref: Floats) -> bool:
         """Whether an anchor is in view, not bent, and found where it is expected."""
-        width, height = (side >> self._halvings for side in self._size)
-        guess = H_frame_ref @ _inverse(anchor.H_anchor_ref)
+        width, height = self._working
+        guess = H_frame_ref @ anchor.H_ref_anchor
         at = moved(guess, anchor.points)
         inside = (at > EDGE).all(axis=1) & (at < [width - EDGE, height - EDGE]).all(axis=1)
         usable = anchor.usable()
