@@ -225,7 +225,10 @@ def test_bad_input_leaves_no_folder_behind(flagger: Path, tmp_path: Path) -> Non
     assert not (tmp_path / "o").exists()
 
 
-def test_ctrl_c_leaves_valid_files_of_what_was_done(flagger: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_leaves_valid_files_of_what_was_done(
+    flagger: Path, tmp_path: Path, stop: signal.Signals
+) -> None:
     out = tmp_path / "o"
     command = [sys.executable, "-m", "queuetail.cli", "run", str(flagger / "flight.mp4")]
     command += ["--telemetry", str(flagger / "telemetry.csv"), "--preset", "paper"]
@@ -235,7 +238,7 @@ def test_ctrl_c_leaves_valid_files_of_what_was_done(flagger: Path, tmp_path: Pat
     while not (queue.exists() and queue.stat().st_size > 2000) and time.monotonic() < deadline:
         assert process.poll() is None, process.communicate()[1]
         time.sleep(0.05)
-    os.kill(process.pid, signal.SIGINT)
+    os.kill(process.pid, stop)
     shown, errors = process.communicate(timeout=60)
     assert process.returncode == 130, errors
     assert "Traceback" not in errors

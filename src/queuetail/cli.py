@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -74,6 +75,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from queuetail.summary import RunProgress, print_summary
 
     out = arguments.out or Path("out") / arguments.video.stem
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a stopped service ends like Ctrl-C
     with RunProgress(arguments.video.name) as progress:
         result = run(
             arguments.video,
@@ -119,7 +121,12 @@ def _locate(arguments: argparse.Namespace) -> int:
 def _add_export(commands: Commands) -> None:
     export = commands.add_parser("export", help="write a run's end-of-queue track for a GIS")
     export.add_argument("run", type=Path, metavar="RUN_DIR", help="the folder that run wrote")
-    export.add_argument("--format", choices=("geojson", "gpx", "kml"), default="geojson")
+    export.add_argument(
+        "--format",
+        choices=("geojson", "gpx", "kml"),
+        default="geojson",
+        help="default: %(default)s",
+    )
     export.add_argument("--out", type=Path, metavar="FILE", help="default: RUN_DIR/eoq.<format>")
     export.set_defaults(command=_export)
 
