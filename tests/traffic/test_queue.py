@@ -65,7 +65,7 @@ def answer(cars: list[Car], states: list[TrackState] | None = None) -> QueueStat
         ([(0, -0.9)], 297.5, 1, 5.0),  # the noise of a standing car
         ([(0, -5.0)], None, 0, 0),  # the other way
         ([(0, math.nan)], None, 0, 0),
-        ([(-130, 0.0)], 167.5, 1, 5.0),  # beyond the axis' first point
+        ([(-115, 0.0)], 182.5, 1, 5.0),  # a little beyond the axis' first point
     ],
 )
 def test_the_end_of_the_queue(

@@ -135,6 +135,12 @@ def test_a_wrong_way_vehicle_alone_stays_on_its_approach() -> None:
     assert vehicles.speed_mps[0] == -20.0
 
 
+def test_what_is_far_beyond_the_ends_of_an_axis_is_not_on_it() -> None:
+    """NORTH runs from 0 to 100 m; twenty metres more on both sides still count."""
+    vehicles = assign(fleet([(1, y) for y in (-21, -19, 50, 119, 121)]), (NORTH,))
+    assert vehicles.approach.tolist() == [-1, 0, 0, 0, -1]
+
+
 def test_no_road_and_no_tracks() -> None:
     vehicles = assign(fleet([(0, 0)]), ())
     assert vehicles.approach.tolist() == [-1]

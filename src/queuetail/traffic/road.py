@@ -9,6 +9,7 @@ import numpy as np
 from queuetail.types import Approach, Bools, Floats, Ints, RoadVehicles, Tracks
 
 EDGE_MARGIN_M = 1.75  # half a lane: a wheel over the edge line is still on the approach
+END_MARGIN_M = 20.0  # a drawn axis ends about where its author looked, not to the metre
 
 
 def locate(approach: Approach, enu: Floats) -> tuple[Floats, Floats, Floats]:
@@ -51,7 +52,10 @@ def place(approach: Approach, station_m: Floats, offset_m: Floats) -> Floats:
 
 
 def assign(tracks: Tracks, approaches: Sequence[Approach]) -> RoadVehicles:
-    """Put every track on the approach and lane that it is on, if any."""
+    """Put every track on the approach and lane that it is on, if any.
+
+    What lies more than END_MARGIN_M beyond either end of an axis is not on its approach.
+    """
     n = len(tracks)
     chosen: Ints = np.full(n, -1)
     lane: Ints = np.zeros(n, np.int64)
@@ -64,7 +68,8 @@ def assign(tracks: Tracks, approaches: Sequence[Approach]) -> RoadVehicles:
         outside = np.maximum(np.maximum(d, -width - d), 0.0)
         # A vehicle that drives the other way fits its own carriageway better, if there is one.
         wrong_way = along < -1.0
-        better = (outside <= EDGE_MARGIN_M) & (outside + 10.0 * wrong_way < excess)
+        on_it = (outside <= EDGE_MARGIN_M) & _between_ends(approach, s)
+        better = on_it & (outside + 10.0 * wrong_way < excess)
         chosen[better], excess[better] = index, (outside + 10.0 * wrong_way)[better]
         station[better], offset[better], speed[better] = s[better], d[better], along[better]
         lane[better] = _lane(d[better], approach)
@@ -94,6 +99,12 @@ class KnownRoad:
 def is_on(vehicles: RoadVehicles, approach_index: int) -> Bools:
     """Return which vehicles are on one approach."""
     return np.asarray(vehicles.approach == approach_index)
+
+
+def _between_ends(approach: Approach, station_m: Floats) -> Bools:
+    length_m = np.linalg.norm(np.diff(approach.axis_enu, axis=0), axis=1).sum()
+    along_m = station_m - approach.start_station_m
+    return np.asarray((along_m >= -END_MARGIN_M) & (along_m <= length_m + END_MARGIN_M))
 
 
 def _lane(offset_m: Floats, approach: Approach) -> Ints:
