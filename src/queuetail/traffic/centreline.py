@@ -110,25 +110,46 @@ def fit(
     lengths = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
     at = np.interp(station, np.concatenate([[0.0], np.cumsum(lengths)]), np.arange(k))
     low = np.minimum(at.astype(np.int64), k - 2)
-    A = np.zeros((len(station), k + g))
-    rows = np.arange(len(station))
-    A[rows, low], A[rows, low + 1], A[rows, k + group] = 1 - (at - low), at - low, 1.0
-    normal0, rhs0 = _prior(k, mean_m, sigma_m, bend_m)
-    solution = np.zeros(k + g)
-    weight = np.full(len(station), NOISE_M**-2)
+    share = at - low
+    second = np.diff(np.eye(k), n=2, axis=0)
+    stiff = second.T @ second / bend_m**2 + np.eye(k) * 1e-4
+    bend: Floats = np.zeros(k)
+    r: Floats = np.zeros(len(station))
     for _ in range(FIT_ROUNDS):
-        weighted = A * weight[:, None]
-        solution = np.linalg.solve(weighted.T @ A + normal0, weighted.T @ offset + rhs0)
-        r = np.abs(offset - A @ solution) / NOISE_M
-        weight = NOISE_M**-2 * np.minimum(1.0, HUBER / np.maximum(r, 1e-9))
-    misfit = float(np.minimum(np.abs(offset - A @ solution), 1.0).mean())
-    return shift_aside(nodes, solution[:k]), misfit
+        weight = NOISE_M**-2 * np.minimum(1.0, HUBER * NOISE_M / np.maximum(np.abs(r), 1e-9))
+        cells = _Cells(low, share, group, weight, k, g)
+        # The groups' offsets are eliminated (Schur): theirs is a diagonal block.
+        diagonal = cells.own + sigma_m**-2.0
+        right_own = np.bincount(group, weight * offset, g) + mean_m / sigma_m**2
+        scaled = cells.mixed / diagonal
+        normal = cells.bend + stiff - scaled @ cells.mixed.T
+        rhs = cells.spread(weight * offset) - scaled @ right_own
+        bend = np.asarray(np.linalg.solve(normal, rhs), np.float64)
+        own = (right_own - cells.mixed.T @ bend) / diagonal
+        r = offset - (1 - share) * bend[low] - share * bend[low + 1] - own[group]
+    return shift_aside(nodes, bend), float(np.minimum(np.abs(r), 1.0).mean())
 
 
-def _prior(nodes: int, mean_m: Floats, sigma_m: Floats, bend_m: float) -> tuple[Floats, Floats]:
-    """Return the normal equations of what is known without samples."""
-    second = np.diff(np.eye(nodes), n=2, axis=0)
-    normal = np.zeros((nodes + len(mean_m),) * 2)
-    normal[:nodes, :nodes] = second.T @ second / bend_m**2 + np.eye(nodes) * 1e-4
-    normal[nodes:, nodes:] = np.diag(sigma_m**-2.0)
-    return normal, np.concatenate([np.zeros(nodes), mean_m / sigma_m**2])
+class _Cells:
+    """Blocks of the normal equations of hat functions at nodes and one constant per group."""
+
+    def __init__(
+        self, low: Ints, share: Floats, group: Ints, weight: Floats, nodes: int, groups: int
+    ) -> None:
+        self._low, self._share, self._nodes = low, share, nodes
+        left, right = 1 - share, share
+        self.own: Floats = np.asarray(np.bincount(group, weight, groups))  # its diagonal
+        self.mixed: Floats = np.zeros((nodes, groups))
+        np.add.at(self.mixed, (low, group), weight * left)
+        np.add.at(self.mixed, (low + 1, group), weight * right)
+        self.bend: Floats = np.diag(self._sum(weight * left**2, weight * right**2))
+        beside = np.bincount(low, weight * left * right, nodes)[:-1]
+        self.bend += np.diag(beside, 1) + np.diag(beside, -1)
+
+    def spread(self, values: Floats) -> Floats:
+        """Return the samples' values summed at the nodes on both sides of each, (nodes,)."""
+        return self._sum(values * (1 - self._share), values * self._share)
+
+    def _sum(self, left: Floats, right: Floats) -> Floats:
+        below = np.bincount(self._low, left, self._nodes)
+        return np.asarray(below + np.bincount(self._low + 1, right, self._nodes))
