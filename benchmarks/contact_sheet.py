@@ -33,17 +33,9 @@ def picture_of(scenario: Scenario, moment: float = MOMENT) -> Image:
 def tile_of(scenario: Scenario) -> Image:
     """Return a small labelled picture of a scenario."""
     tile = cv2.resize(picture_of(scenario), TILE, interpolation=cv2.INTER_AREA)
-    for colour, thick in (((0, 0, 0), 3), ((255, 255, 255), 1)):
-        cv2.putText(
-            tile,
-            scenario.scenario.name,
-            (8, 20),
-            cv2.FONT_HERSHEY_SIMPLEX,
-            0.55,
-            colour,
-            thick,
-            cv2.LINE_AA,
-        )
+    cv2.rectangle(tile, (0, 0), (10 + 10 * len(scenario.scenario.name), 26), (40, 40, 40), -1)
+    font, white = cv2.FONT_HERSHEY_SIMPLEX, (255, 255, 255)
+    cv2.putText(tile, scenario.scenario.name, (6, 19), font, 0.5, white, 1, cv2.LINE_AA)
     return np.asarray(tile)
 
 
