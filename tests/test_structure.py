@@ -24,6 +24,7 @@ EDGE_OF_LIBRARIES = {
     *("loadtxt", "savetxt", "fromfile", "tofile", "memmap", "genfromtxt"),
 }
 SCREEN_LINES = 60
+MODULE_LINES = 500  # "a few hundred"
 core_modules = sorted(p for name in CORE for p in (SOURCE / name).glob("*.py"))
 
 
@@ -108,7 +109,7 @@ def test_functions_fit_a_screen_and_modules_stay_small() -> None:
     long_ones = []
     for path in SOURCE.rglob("*.py"):
         text = path.read_text(encoding="utf-8")
-        if len(text.splitlines()) > 400:
+        if len(text.splitlines()) > MODULE_LINES:
             long_ones.append(f"{path.name} has {len(text.splitlines())} lines")
         for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
