@@ -13,7 +13,7 @@ from queuetail.config import Site, read_site
 from queuetail.geo.camera import intrinsics_from_hfov
 from queuetail.geo.earth import enu_from_geodetic
 from queuetail.geo.ground import enu_to_px, mapping_from_pose
-from queuetail.mapping import TelemetryMapper, site_origin
+from queuetail.mapping import camera_pose, site_origin
 from queuetail.telemetry import read_telemetry
 from queuetail.traffic.carriageways import discover
 from queuetail.traffic.road import locate
@@ -57,14 +57,14 @@ def test_finds_the_bundled_road(flagger: Path) -> None:
     lat, lon = (np.array([float(r[k]) for r in rows]) for k in ("lat", "lon"))
     true = Approach("true", enu_from_geodetic(lat, lon, origin))
     scout, log = RoadScout(), read_telemetry(flagger / "telemetry.csv")
-    mapper = TelemetryMapper(1280, 720, Site().camera, origin)
     H_first = None
     with VideoFile(flagger / "flight.mp4") as video:
         for frame in video.frames():
             if frame.t_s > 16.0:
                 break
-            mapping = mapper.mapping(log.at(frame.t_s))
-            assert isinstance(mapping, GroundMapping)
+            pose = camera_pose(log.at(frame.t_s), 1280, 720, Site().camera)
+            assert isinstance(pose, CameraPose)
+            mapping = mapping_from_pose(pose, origin)
             H_first = mapping.H_px_enu if H_first is None else H_first
             scout.update(frame.luma, mapping, H_first @ mapping.H_enu_px, frame.t_s)
     (found,) = discover(scout.trajectories)
