@@ -23,9 +23,10 @@ MAX_GAIN = 8.0
 MEAN_GREY = 128
 CORNER_FLOOR = 0.02  # of the median over the buckets' best: weaker corners slide along edges
 MAX_MISMATCH = 0.85  # share of a template's own contrast; unrelated patches differ by 1.4
-AGREE_PX = 1.0  # a feature that agrees lies this close to where the plane puts it
+AGREE_PX = 1.0  # a feature that agrees lies this close to where the plane puts it,
+AGREE_MOST_PX = 2.0  # or this close where relief and the lens bend the plane for most of them
 LEAST_AGREEING = 10
-LEAST_SHARE = 0.35
+LEAST_SHARE = 0.3
 LEAST_COVERAGE = 0.15
 MAX_BEND = 0.2  # |J - 1| of the local map: 0.2 is a turn of 11° or a zoom of 1.2
 FAULT_RATE = 0.05  # share of each new picture in a feature's record of disagreeing
@@ -56,6 +57,7 @@ class Anchor:
     t_s: float
     faults: Floats  # (n,)
     H_ref_anchor: Floats
+    best_share: float = 0.0  # of its features that agreed in the picture it fitted best
     described: tuple[Floats, Image | None] | None = None  # for the search without a guess
 
     def usable(self) -> Bools:
@@ -65,6 +67,7 @@ class Anchor:
     def note(self, fit: Fit) -> None:
         """Remember which features agreed."""
         seen = fit.seen
+        self.best_share = max(self.best_share, fit.share)
         self.faults[seen] += FAULT_RATE * (~fit.agree[seen] - self.faults[seen])
 
     def drop(self, keep: Bools) -> None:
@@ -248,7 +251,8 @@ def _fit_plane(
             again, other = _reweighted(a, b, np.where(chosen[:, 0] > 0, 0.0, 1.0), px)
             if (other < AGREE_PX * px).sum() > (residual < AGREE_PX * px).sum():
                 h, residual = again, other
-    agree[matched] = residual < AGREE_PX * px
+    limit = min(max(AGREE_PX * px, 2.5 * _middle(residual)), AGREE_MOST_PX * px)
+    agree[matched] = residual < limit
     D = np.linalg.inv(S) @ np.append(h, 1.0).reshape(3, 3) @ S
     return D, agree
 

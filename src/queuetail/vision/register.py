@@ -34,6 +34,8 @@ WORKING_WIDTH_PX = 640  # narrower pictures stay as they are
 LEAST_FEATURES = 24  # an anchor has at least this many
 IN_VIEW_SHARE = 0.55  # of its features; below it, the next anchor is taken
 RETURN_SHARE = 0.7
+AGED = 0.65  # of its best share: relief seen from elsewhere, shadows that went on
+AGED_AFTER_S = 1.0
 MAX_ANCHORS = 12
 HOUSEKEEPING_EVERY_S = 0.5  # looks for a better anchor
 SEARCH_EVERY_S = 0.15  # searches without a guess, while lost
@@ -278,7 +280,8 @@ class GroundRegistration:
                 self._current = index
                 return
         worn = usable < max(IN_VIEW_SHARE * len(anchor.points), LEAST_FEATURES)
-        if (worn or fit.bend > MAX_BEND) and fit.share > 0.5:
+        aged = fit.share < AGED * anchor.best_share and t_s - anchor.t_s >= AGED_AFTER_S
+        if aged or ((worn or fit.bend > MAX_BEND) and fit.share > 0.5):
             fresh = self._anchor(picture, H_frame_ref, t_s, moving_px)
             if len(fresh.points) >= max(LEAST_FEATURES, usable // 2):
                 self._anchors.append(fresh)
