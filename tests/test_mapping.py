@@ -20,6 +20,7 @@ from queuetail.mapping import (
     site_approaches,
     site_origin,
 )
+from queuetail.registrar import STILL
 from queuetail.types import CameraPose, GroundMapping, Origin, TelemetrySample, Unknown
 
 ORIGIN = Origin(36.11, -97.057)
@@ -41,7 +42,7 @@ def test_a_full_sample_is_a_pose() -> None:
 @pytest.mark.parametrize("name", POSE_FIELDS)
 def test_what_is_missing_is_named(name: str) -> None:
     sample = dataclasses.replace(SAMPLE, **{name: None})
-    answer = TelemetryMapper(1280, 720, CameraOverride(), ORIGIN).mapping(sample)
+    answer = TelemetryMapper(1280, 720, CameraOverride(), ORIGIN).mapping(sample, STILL)
     assert answer == Unknown((f"telemetry lacks {name}",))
 
 
@@ -105,7 +106,9 @@ def test_control_points_stand_in_for_telemetry(kind: str) -> None:
             geodetic_from_enu(got, origin), geodetic_from_enu(true, ORIGIN), strict=True
         ):
             np.testing.assert_allclose(a, b, atol=1e-9)
-    assert FixedMapper(mapping).mapping(TelemetrySample(0.0)) is mapping
+    carried = FixedMapper(mapping).mapping(TelemetrySample(0.0), STILL)
+    assert isinstance(carried, GroundMapping)
+    assert np.allclose(carried.H_enu_px, mapping.H_enu_px)
 
 
 def test_control_points_on_a_line_are_refused() -> None:

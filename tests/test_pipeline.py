@@ -43,7 +43,6 @@ def test_without_telemetry_all_is_unknown_with_reasons_never_clear() -> None:
             assert seen.states[0].status is QueueStatus.CLEAR
             continue
         assert isinstance(seen.mapping, Unknown)
-        assert seen.registration.quality == 0.0
         (state,) = seen.states
         assert state.status is QueueStatus.UNKNOWN
         assert state.approach == "NB"

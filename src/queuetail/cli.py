@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import signal
 import sys
 from pathlib import Path
@@ -42,6 +43,8 @@ def parser() -> argparse.ArgumentParser:
     _add_run(commands)
     _add_locate(commands)
     _add_export(commands)
+    _add_simulate(commands)
+    _add_evaluate(commands)
     return top
 
 
@@ -137,6 +140,50 @@ def _export(arguments: argparse.Namespace) -> int:
     out = arguments.out or arguments.run / f"eoq.{arguments.format}"
     export(arguments.run, arguments.format, out)
     print(out)
+    return 0
+
+
+def _add_simulate(commands: Commands) -> None:
+    simulate = commands.add_parser("simulate", help="make a flight whose truth is exact")
+    simulate.add_argument(
+        "scenario", type=Path, nargs="?", metavar="SCENARIO.toml", help="what to simulate"
+    )
+    simulate.add_argument("--out", type=Path, required=True, metavar="DIR", help="output folder")
+    simulate.add_argument("--seed", type=int, metavar="N", help="default: the scenario's own")
+    simulate.add_argument(
+        "--random",
+        type=int,
+        metavar="SEED",
+        help="draw a scenario instead of reading one",
+    )
+    simulate.set_defaults(command=_simulate)
+
+
+def _simulate(arguments: argparse.Namespace) -> int:
+    from queuetail.sim.simulate import command
+
+    return command(arguments.scenario, arguments.out, arguments.seed, arguments.random)
+
+
+def _add_evaluate(commands: Commands) -> None:
+    evaluate = commands.add_parser("evaluate", help="measure a run against exact truth")
+    evaluate.add_argument("run", type=Path, metavar="RUN_DIR", help="the folder that run wrote")
+    evaluate.add_argument("truth", type=Path, metavar="TRUTH_DIR", help="as simulate writes it")
+    evaluate.add_argument("--json", type=Path, metavar="FILE", help="write the figures there too")
+    evaluate.set_defaults(command=_evaluate)
+
+
+def _evaluate(arguments: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from queuetail.evaluate import evaluate, print_table, to_json, write_report
+    from queuetail.files import write_text
+
+    result = evaluate(arguments.run, arguments.truth)
+    print_table(result, Console())
+    write_report(result, arguments.run / "evaluation.html")
+    if arguments.json is not None:
+        write_text(arguments.json, json.dumps(to_json(result), indent=2) + "\n")
     return 0
 
 

@@ -15,7 +15,8 @@ from queuetail.flight import open_flight
 from queuetail.geo.earth import geodetic_from_enu
 from queuetail.geo.ground import covariance, mapping_from_pose, px_to_enu
 from queuetail.mapping import camera_pose
-from queuetail.presets import choose_mapper
+from queuetail.presets import telemetry_or_control_points
+from queuetail.registrar import STILL
 from queuetail.telemetry.stills import read_still
 from queuetail.types import GroundMapping, Origin, Unknown
 
@@ -83,10 +84,10 @@ def _video_mapping(
             runs = "from 0 s" if end_s is None else f"0 … {end_s:.1f} s"
             raise InputError(f"{source} has no picture at {time_s:g} s (it runs {runs})")
         try:
-            mapper = choose_mapper(site, flight.origin, *size)
+            mapper = telemetry_or_control_points(site, flight.origin, *size)
         except InputError as error:
             raise InputError(f"{site_file}: {error}") from None
-        mapping = mapper.mapping(flight.telemetry_at(time_s))
+        mapping = mapper.mapping(flight.telemetry_at(time_s), STILL)
     if isinstance(mapping, Unknown):
         raise InputError(f"{source} at {time_s:g} s: {'; '.join(mapping.reasons)}")
     return mapping, size

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Protocol
 
 import numpy as np
 
@@ -11,26 +10,27 @@ from queuetail.config import CameraOverride, Site
 from queuetail.errors import InputError
 from queuetail.geo.camera import intrinsics_from_hfov
 from queuetail.geo.earth import enu_from_geodetic
-from queuetail.geo.ground import mapping_from_control_points, mapping_from_pose
+from queuetail.geo.ground import (
+    apply_homography,
+    mapping_from_control_points,
+    mapping_from_pose,
+    px_to_enu,
+)
 from queuetail.types import (
     Approach,
     CameraPose,
+    Floats,
     GroundMapping,
     Intrinsics,
     Origin,
+    Registration,
     TelemetrySample,
     Unknown,
 )
 
+SETTLE_S = 3.0  # over which the place of the reference picture is averaged
 # What a pose needs, in the words of the telemetry columns and of the site file's [telemetry] table.
 POSE_FIELDS = ("lat_deg", "lon_deg", "height_agl_m", "heading_deg", "gimbal_pitch_deg", "hfov_deg")
-
-
-class Mapper(Protocol):
-    """Says which ground lies under which pixel at one time."""
-
-    def mapping(self, sample: TelemetrySample) -> GroundMapping | Unknown:
-        """Return the mapping of the frame that `sample` was taken with."""
 
 
 class TelemetryMapper:
@@ -43,23 +43,92 @@ class TelemetryMapper:
         self._camera = camera
         self._origin = origin
 
-    def mapping(self, sample: TelemetrySample) -> GroundMapping | Unknown:
+    def mapping(
+        self, telemetry: TelemetrySample, registration: Registration
+    ) -> GroundMapping | Unknown:
         """Return the exact pinhole mapping, or what is missing for it."""
-        pose = camera_pose(sample, *self._size, self._camera)
-        if isinstance(pose, Unknown):
-            return pose
-        return mapping_from_pose(pose, self._origin)
+        pose = camera_pose(telemetry, *self._size, self._camera)
+        return pose if isinstance(pose, Unknown) else mapping_from_pose(pose, self._origin)
 
 
 class FixedMapper:
-    """One mapping for the whole video: a camera that stands still, seen by control points."""
+    """The mapping of a reference picture by control points, carried on by registration."""
 
     def __init__(self, mapping: GroundMapping) -> None:
         self._mapping = mapping
 
-    def mapping(self, sample: TelemetrySample) -> GroundMapping:
+    def mapping(
+        self, telemetry: TelemetrySample, registration: Registration
+    ) -> GroundMapping | Unknown:
         """Return the mapping; telemetry has nothing to add."""
-        return self._mapping
+        if registration.reason:
+            return Unknown((registration.reason,))
+        if registration.epoch:
+            return Unknown(("the scene changed, and the control points belong to the first one",))
+        return moved(self._mapping, registration.H_ref_frame)
+
+
+class RegisteredMapper:
+    """Telemetry says where the reference picture is, registration what moved since.
+
+    So a walking GPS does not move the road.  The reference is averaged over the first seconds.
+    """
+
+    def __init__(self, telemetry_mapper: TelemetryMapper, width_px: int, height_px: int) -> None:
+        self._telemetry = telemetry_mapper
+        # Points low in the picture, where every camera that sees a road sees ground.
+        across, down = np.array([0.1, 0.9, 0.9, 0.1]), np.array([0.55, 0.55, 0.95, 0.95])
+        self._points_px = np.column_stack([across * width_px, down * height_px])
+        self._epoch = -1
+        self._since_s = 0.0
+        self._count = 0
+        self._places = np.zeros((4, 2))
+        self._reference: GroundMapping | None = None
+
+    def mapping(
+        self, telemetry: TelemetrySample, registration: Registration
+    ) -> GroundMapping | Unknown:
+        """Return the frame's mapping; unknown while the picture is lost, never the last one."""
+        if registration.reason:
+            return Unknown((registration.reason,))
+        told = self._telemetry.mapping(telemetry, registration)
+        if registration.epoch != self._epoch:
+            if isinstance(told, Unknown):
+                return told
+            self._epoch, self._since_s, self._count = registration.epoch, telemetry.t_s, 0
+            self._reference = None
+        settling = telemetry.t_s - self._since_s < SETTLE_S
+        if not isinstance(told, Unknown) and (settling or self._reference is None):
+            self._learn(told, registration)
+        if self._reference is None:
+            return Unknown(("telemetry does not say where the picture is",))
+        pose = self._reference.pose if isinstance(told, Unknown) else told.pose
+        frame_mapping = moved(self._reference, registration.H_ref_frame)
+        return dataclasses.replace(frame_mapping, pose=pose)
+
+    def _learn(self, told: GroundMapping, registration: Registration) -> None:
+        """Average where the reference picture's points lie, as each telemetry sample sees them."""
+        in_frame = apply_homography(
+            np.asarray(np.linalg.inv(registration.H_ref_frame)), self._points_px
+        )
+        places = px_to_enu(told, in_frame)
+        if not np.isfinite(places).all():
+            return
+        self._count += 1
+        self._places += (places - self._places) / self._count
+        fitted = mapping_from_control_points(self._points_px, self._places, told.origin)
+        self._reference = dataclasses.replace(
+            fitted, intrinsics=told.intrinsics, pose=told.pose, pose_sigma=told.pose_sigma
+        )
+
+
+def moved(reference: GroundMapping, H_ref_frame: Floats) -> GroundMapping:
+    """Return a frame's mapping from the reference picture's."""
+    return dataclasses.replace(
+        reference,
+        H_enu_px=reference.H_enu_px @ H_ref_frame,
+        H_px_enu=np.linalg.inv(H_ref_frame) @ reference.H_px_enu,
+    )
 
 
 def camera_pose(

@@ -4,23 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from queuetail.mapping import Mapper
 from queuetail.traffic.road import assign
 from queuetail.types import (
     Approach,
-    Detections,
     Frame,
     GroundMapping,
-    GroundPoints,
     Image,
     Observation,
     QueueState,
     QueueStatus,
-    Raster,
     Registration,
     RoadVehicles,
     Scene,
@@ -28,7 +24,10 @@ from queuetail.types import (
     Tracks,
     Unknown,
 )
-from queuetail.vision.view import boxes_to_px
+
+# What a preset's view, background, detector and tracker hand to each other: the spine only carries
+# it, and each part's own signature says which record it is.
+Carried = Any
 
 NO_TRACKS = Tracks(
     ids=np.empty(0, np.int64),
@@ -43,30 +42,46 @@ NO_TRACKS = Tracks(
 NO_ROAD_YET = Unknown(("no site file, and too few vehicles yet to see where the road is",))
 
 
-class View(Protocol):
-    def render(self, frame: Frame, mapping: GroundMapping) -> Raster: ...
-
-    def locate(
-        self, detections: Detections, raster: Raster, mapping: GroundMapping
-    ) -> GroundPoints: ...
+class Registrar(Protocol):
+    def register(self, frame: Frame, telemetry: TelemetrySample) -> Registration: ...
 
 
-class Background(Protocol):
-    def apply(self, image: Image) -> Image: ...
-
-
-class Blobs(Protocol):
-    def find(self, mask: Image) -> Detections: ...
-
-
-class Tracker(Protocol):
-    def update(self, points: GroundPoints, scene: Scene) -> Tracks: ...
+class Mapper(Protocol):
+    def mapping(
+        self, telemetry: TelemetrySample, registration: Registration
+    ) -> GroundMapping | Unknown: ...
 
 
 class Road(Protocol):
     approaches: tuple[Approach, ...]
 
+    def look(self, frame: Frame, mapping: GroundMapping, registration: Registration) -> None: ...
+
     def locate(self, tracks: Tracks) -> RoadVehicles: ...
+
+
+class View(Protocol):
+    def render(
+        self, frame: Frame, mapping: GroundMapping, approaches: tuple[Approach, ...]
+    ) -> Carried: ...
+
+    def cover(self, footprints: Carried) -> Image: ...
+
+    def locate(self, detections: Carried, raster: Carried, mapping: GroundMapping) -> Carried: ...
+
+
+class Background(Protocol):
+    def apply(self, raster: Carried, t_s: float, protect: Image) -> Carried: ...
+
+
+class Detector(Protocol):
+    def find(self, masks: Carried, raster: Carried) -> Carried: ...
+
+
+class Tracker(Protocol):
+    def footprints(self) -> Carried: ...
+
+    def update(self, points: Carried, scene: Scene) -> Tracks: ...
 
 
 class Queue(Protocol):
@@ -79,29 +94,34 @@ class Queue(Protocol):
 class Pipeline:
     """A preset's parts, plugged together; `lap` is told each stage's name as it ends."""
 
+    registrar: Registrar
     mapper: Mapper
+    road: Road
     view: View
     background: Background
-    blobs: Blobs
+    detector: Detector
     tracker: Tracker
-    road: Road
     queue: Queue
     lap: Callable[[str], None]
 
     def step(self, frame: Frame, telemetry: TelemetrySample) -> Observation:
         """Take one frame and what telemetry said then; return all that they tell."""
-        mapping = self.mapper.mapping(telemetry)
+        registration = self.registrar.register(frame, telemetry)
+        self.lap("register")
+        mapping = self.mapper.mapping(telemetry, registration)
         self.lap("map")
         if isinstance(mapping, Unknown):
-            return self._blind(frame, mapping)
-        raster = self.view.render(frame, mapping)
+            return self._blind(frame, mapping, registration)
+        self.road.look(frame, mapping, registration)
+        self.lap("road")
+        raster = self.view.render(frame, mapping, self.road.approaches)
         self.lap("view")
-        mask = self.background.apply(raster.image)
+        protect = self.view.cover(self.tracker.footprints())
+        masks = self.background.apply(raster, frame.t_s, protect)
         self.lap("background")
-        detections = self.blobs.find(mask)
-        self.lap("blobs")
+        detections = self.detector.find(masks, raster)
+        self.lap("detect")
         points = self.view.locate(detections, raster, mapping)
-        self.lap("locate")
         scene = Scene(frame.t_s, raster, mapping)
         tracks = self.tracker.update(points, scene)
         self.lap("track")
@@ -112,20 +132,20 @@ class Pipeline:
             frame_index=frame.index,
             t_s=frame.t_s,
             mapping=mapping,
-            registration=Registration(np.eye(3), 1.0),
-            detections_px=boxes_to_px(detections.boxes, raster),
+            registration=registration,
+            detections_px=points.boxes_px,
             approaches=self.road.approaches,
             vehicles=vehicles,
             states=states or self._unknown(NO_ROAD_YET),
         )
 
-    def _blind(self, frame: Frame, why: Unknown) -> Observation:
+    def _blind(self, frame: Frame, why: Unknown, registration: Registration) -> Observation:
         """Return the observation of a frame whose place on the ground is unknown."""
         return Observation(
             frame_index=frame.index,
             t_s=frame.t_s,
             mapping=why,
-            registration=Registration(np.eye(3), 0.0, "; ".join(why.reasons)),
+            registration=registration,
             detections_px=np.empty((0, 4)),
             approaches=self.road.approaches,
             vehicles=assign(NO_TRACKS, self.road.approaches),

@@ -21,7 +21,7 @@ from queuetail.errors import InputError
 from queuetail.flight import Flight, open_flight
 from queuetail.geo.earth import geodetic_from_enu
 from queuetail.pipeline import Pipeline
-from queuetail.presets import PRESETS
+from queuetail.presets import DEFAULT_PRESET, PRESETS
 from queuetail.sinks import RunInfo, Sink
 from queuetail.sinks.standard import standard_sinks
 from queuetail.stopwatch import Stopwatch
@@ -49,7 +49,7 @@ def run(
     video: Path,
     telemetry: Path | None = None,
     site_file: Path | None = None,
-    preset: str = "paper",
+    preset: str = DEFAULT_PRESET,
     out: Path = Path("out"),
     with_video: bool = True,
     opened: Opened = lambda video: None,

@@ -135,11 +135,93 @@ class Unknown:
 
 
 @dataclass(frozen=True, slots=True)
+class Approach:
+    """One carriageway in one direction: its axis is the left edge of the left lane, in ENU.
+
+    Lane 1 is the left-most and covers offsets 0 … −lane_width_m; lane 2 the next, and so on.
+    """
+
+    name: str
+    axis_enu: Floats  # (k, 2), k >= 2, in the direction of travel
+    start_station_m: float = 0.0
+    lanes: int = 1
+    lane_width_m: float = 3.5
+
+
+@dataclass(frozen=True, slots=True)
 class Raster:
     """The picture that a preset works on: the whole frame scaled, or the road rectified."""
 
     image: Image
     H_px_raster: Floats  # maps raster pixels to input-video pixels
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """Where one approach lies in a road-view raster, and how the camera sees it."""
+
+    approach_index: int
+    rows: tuple[int, int]  # first, and one after the last
+    columns: int
+    first_column: int  # column 0, counted from the axis' start: tells how a new plan is shifted
+    visible_columns: tuple[int, int]  # of those that the picture shows at all lanes
+    lane_rows: tuple[float, ...]  # middle of each lane, left-most first, within the band
+    lane_width_px: float
+    lean_px: Floats  # (blocks, 2) shift (column, row) of a point one metre above the road
+
+
+@dataclass(frozen=True, slots=True)
+class RoadRaster:
+    """Every approach rectified into a band of one raster; columns run along the station."""
+
+    image: Image
+    px_per_m: float
+    bands: tuple[Band, ...]
+    plan: int  # counts the layouts: while it stays, every pixel stays on its place of the road
+    approaches: tuple[Approach, ...] = ()
+    spans: dict[int, tuple[float, float]] = field(default_factory=dict)  # visible stations, metres
+
+
+@dataclass(frozen=True, slots=True)
+class Masks:
+    """What is not road (255), and which of it is brighter than road: surely no cast shadow."""
+
+    foreign: Image
+    bright: Image
+
+
+@dataclass(frozen=True, slots=True)
+class LaneDetections:
+    """What stands in the lanes of a road view, in raster columns and rows."""
+
+    band: Ints  # (n,) index into the raster's bands
+    lane: Ints  # (n,) 1 is the left-most
+    rear_column: Floats  # (n,)
+    front_column: Floats  # (n,)
+    row: Floats  # (n,) of its middle
+    cut_rear: Bools  # (n,) it reaches out of the picture upstream
+    cut_front: Bools  # (n,)
+
+    def __len__(self) -> int:
+        return len(self.band)
+
+
+@dataclass(frozen=True, slots=True)
+class RoadPoints:
+    """Lane detections in road metres; `spans` are the stations seen of each approach."""
+
+    approach: Ints  # (n,)
+    lane: Ints  # (n,)
+    rear_m: Floats  # (n,) stations
+    front_m: Floats  # (n,)
+    offset_m: Floats  # (n,)
+    cut_rear: Bools  # (n,)
+    cut_front: Bools  # (n,)
+    spans: dict[int, tuple[float, float]]
+    boxes_px: Floats  # (n, 4) in input-video pixels
+
+    def __len__(self) -> int:
+        return len(self.approach)
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,22 +255,8 @@ class Scene:
     """When and in what the detections of one frame were seen."""
 
     t_s: float
-    raster: Raster
+    raster: Raster | RoadRaster
     mapping: GroundMapping
-
-
-@dataclass(frozen=True, slots=True)
-class Approach:
-    """One carriageway in one direction: its axis is the left edge of the left lane, in ENU.
-
-    Lane 1 is the left-most and covers offsets 0 … −lane_width_m; lane 2 the next, and so on.
-    """
-
-    name: str
-    axis_enu: Floats  # (k, 2), k >= 2, in the direction of travel
-    start_station_m: float = 0.0
-    lanes: int = 1
-    lane_width_m: float = 3.5
 
 
 class TrackState(StrEnum):

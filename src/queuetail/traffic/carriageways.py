@@ -178,7 +178,7 @@ def _votes(samples: Samples, curve: Floats) -> _Votes:
                 continue
             if abs(along @ offset[rows]) < MAX_DRIFT * spread:
                 vote[rows] = len(means)
-                means.append(float(np.median(offset[rows])))
+                means.append(float(sorted(offset[rows])[len(rows) // 2]))
                 owners.append(int(samples.owner[first]))
     return _Votes(np.array(means), np.array(owners, np.int64), vote)
 

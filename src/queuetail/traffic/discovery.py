@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from queuetail.traffic.road import assign
-from queuetail.types import Approach, Floats, RoadVehicles, Tracks, TrackState
+from queuetail.types import (
+    Approach,
+    Floats,
+    Frame,
+    GroundMapping,
+    Registration,
+    RoadVehicles,
+    Tracks,
+    TrackState,
+)
 
 MIN_TRACKS = 3  # moving vehicles before a road is believed
 MIN_MOVED_M = 15.0
@@ -24,6 +33,9 @@ class StraightRoad:
         self._first_seen: dict[int, Floats] = {}
         self._moved: dict[int, tuple[Floats, Floats]] = {}
         self.approaches: tuple[Approach, ...] = ()
+
+    def look(self, frame: Frame, mapping: GroundMapping, registration: Registration) -> None:
+        """Learn nothing from pictures: the tracks tell enough."""
 
     def locate(self, tracks: Tracks) -> RoadVehicles:
         """Learn from the tracks until the road is known; return them on it."""

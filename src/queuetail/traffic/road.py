@@ -6,7 +6,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from queuetail.types import Approach, Bools, Floats, Ints, RoadVehicles, Tracks
+from queuetail.types import (
+    Approach,
+    Bools,
+    Floats,
+    Frame,
+    GroundMapping,
+    Ints,
+    Registration,
+    RoadVehicles,
+    Tracks,
+)
 
 EDGE_MARGIN_M = 1.75  # half a lane: a wheel over the edge line is still on the approach
 END_MARGIN_M = 20.0  # a drawn axis ends about where its author looked, not to the metre
@@ -90,6 +100,9 @@ class KnownRoad:
 
     def __init__(self, approaches: tuple[Approach, ...]) -> None:
         self.approaches = approaches
+
+    def look(self, frame: Frame, mapping: GroundMapping, registration: Registration) -> None:
+        """Learn nothing: the road is known."""
 
     def locate(self, tracks: Tracks) -> RoadVehicles:
         """Return the tracks on the approaches."""

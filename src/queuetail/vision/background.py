@@ -12,7 +12,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from queuetail.types import Image
+from queuetail.types import Image, Raster
 
 DIFFERENCE_THRESHOLD = 30  # grey levels, for the first frame and the running average
 AVERAGE_RATE = 0.01  # share of each new frame in the running average
@@ -84,9 +84,9 @@ class PaperBackground:
         self._circle = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (dilate_px, dilate_px))
         self._model = model
 
-    def apply(self, image: Image) -> Image:
-        """Return the dilated foreground mask of a colour picture."""
-        mask = self._model.apply(cv2.GaussianBlur(image, self._blur, 0))
+    def apply(self, raster: Raster, t_s: float, protect: Image) -> Image:
+        """Return the dilated foreground mask of a colour picture; the paper protects nothing."""
+        mask = self._model.apply(cv2.GaussianBlur(raster.image, self._blur, 0))
         return np.asarray(cv2.dilate(mask, self._circle), np.uint8)
 
 

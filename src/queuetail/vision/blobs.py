@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from queuetail.types import Detections, Image
+from queuetail.types import Detections, Image, Raster
 
 MAX_AREA_SHARE = 0.1  # of the picture: anything larger is a change of light, not a vehicle
 
@@ -18,7 +18,7 @@ class SimpleBlobs:
         self._shape: tuple[int, ...] | None = None
         self._detector: cv2.SimpleBlobDetector | None = None
 
-    def find(self, mask: Image) -> Detections:
+    def find(self, mask: Image, raster: Raster) -> Detections:
         """Return the blobs of a (h, w) mask of 0 and 255, in its pixels."""
         if self._detector is None or self._shape != mask.shape:
             self._detector, self._shape = self._make(mask.size), mask.shape

@@ -7,7 +7,16 @@ import numpy as np
 from queuetail.geo.earth import enu_from_geodetic
 from queuetail.geo.ground import covariance, px_to_enu
 from queuetail.geo.paper import ground_offset_m
-from queuetail.types import Detections, Floats, Frame, GroundMapping, GroundPoints, Raster
+from queuetail.types import (
+    Approach,
+    Detections,
+    Floats,
+    Frame,
+    GroundMapping,
+    GroundPoints,
+    Image,
+    Raster,
+)
 
 
 class WholeFrame:
@@ -16,13 +25,19 @@ class WholeFrame:
     def __init__(self, width_px: int) -> None:
         self._width_px = width_px
 
-    def render(self, frame: Frame, mapping: GroundMapping) -> Raster:
+    def render(
+        self, frame: Frame, mapping: GroundMapping, approaches: tuple[Approach, ...]
+    ) -> Raster:
         """Return the frame scaled once, by the decoder's own scaler; never enlarged."""
         width, height = frame.size
         out_width = min(self._width_px, width)
         out_height = max(round(height * out_width / width), 1)
         H_px_raster = np.diag([width / out_width, height / out_height, 1.0])
         return Raster(frame.bgr(out_width, out_height), H_px_raster)
+
+    def cover(self, footprints: None) -> Image:
+        """Return an empty mask: the paper's background learns everything, stopped cars too."""
+        return np.empty((0, 0), np.uint8)
 
     def locate(
         self, detections: Detections, raster: Raster, mapping: GroundMapping

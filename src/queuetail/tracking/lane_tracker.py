@@ -1,0 +1,402 @@
+"""Vehicles followed along their lanes, in road metres, by one Kalman filter each.
+
+The state is the rear bumper's station and the speed (constant velocity, white acceleration:
+Bar-Shalom, Li & Kirubarajan 2001, section 6.2); length and offset are averaged beside it.  In a
+lane nobody overtakes, so where vehicles merge into one interval their order tells which end is
+whose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from queuetail.geo.ground import enu_to_px
+from queuetail.traffic.road import place
+from queuetail.types import Approach, Floats, RoadPoints, RoadRaster, Scene, Tracks, TrackState
+
+ACCELERATION_MPS2 = 2.5  # one sigma of what drivers do
+END_SIGMA_M = 0.35  # of a measured rear or front
+MERGED_SIGMA_M = 1.0  # of an end that is shared with another vehicle
+FIRST_SPEED_SIGMA_MPS = 15.0
+GATE_M, GATE_SIGMAS = 2.5, 3.5
+TYPICAL_LENGTH_M = 4.7
+LENGTH_STEP_M = 3.2  # longer than known by this much for a while: another vehicle is inside
+LONGEST_M = 19.0
+SLOT_M = 7.2  # a standing car with its gap, where nothing else tells merged cars apart
+CONFIRM_HITS, CONFIRM_S = 4, 0.3
+COAST_S = 1.2  # without a trace in the picture
+HIDDEN_S = 20.0  # behind a tall vehicle, or under a bridge
+STANDING_MPS = 0.7
+LENGTH_RATE, OFFSET_RATE = 0.15, 0.08
+
+
+@dataclass(slots=True)
+class _Vehicle:
+    """One followed vehicle; stations in metres, covariance of (station, speed)."""
+
+    track_id: int
+    approach: int
+    lane: int
+    rear_m: float
+    speed_mps: float
+    length_m: float
+    offset_m: float
+    born_s: float
+    var_station: float = END_SIGMA_M**2
+    covar: float = 0.0
+    var_speed: float = FIRST_SPEED_SIGMA_MPS**2
+    length_known: bool = False
+    hits: int = 1
+    seen_s: float = 0.0
+    longer_s: float = 0.0
+    born_at_m: float = field(default=0.0)
+    confirmed: bool = False
+
+    @property
+    def front_m(self) -> float:
+        return self.rear_m + self.length_m
+
+    def predict(self, dt_s: float) -> None:
+        self.rear_m += self.speed_mps * dt_s
+        q = ACCELERATION_MPS2**2 * dt_s
+        self.var_station += dt_s * (2 * self.covar + dt_s * self.var_speed) + q * dt_s**2 / 3
+        self.covar += dt_s * self.var_speed + q * dt_s / 2
+        self.var_speed += q
+        if self.speed_mps < STANDING_MPS:
+            self.speed_mps = max(self.speed_mps, -STANDING_MPS)
+
+    def correct(self, rear_m: float, sigma_m: float) -> None:
+        innovation = rear_m - self.rear_m
+        total = self.var_station + sigma_m**2
+        gain, speed_gain = self.var_station / total, self.covar / total
+        self.rear_m += gain * innovation
+        self.speed_mps += speed_gain * innovation
+        self.var_speed -= speed_gain * self.covar
+        self.covar *= 1 - gain
+        self.var_station *= 1 - gain
+
+    def gate_m(self) -> float:
+        return GATE_M + GATE_SIGMAS * float(np.sqrt(self.var_station))
+
+
+@dataclass(frozen=True, slots=True)
+class _Interval:
+    """One measured interval of a lane."""
+
+    approach: int
+    lane: int
+    rear_m: float
+    front_m: float
+    offset_m: float
+    cut_rear: bool
+    cut_front: bool
+
+
+class LaneTracker:
+    """Follows the vehicles of all lanes; see the module's docstring."""
+
+    def __init__(self) -> None:
+        self._vehicles: list[_Vehicle] = []
+        self._next_id = 1
+        self._last_s: float | None = None
+
+    def footprints(self) -> list[tuple[int, int, float, float]]:
+        """Return (approach, lane, rear, front) of every believed vehicle, for the background."""
+        return [(v.approach, v.lane, v.rear_m, v.front_m) for v in self._vehicles if v.confirmed]
+
+    def update(self, points: RoadPoints, scene: Scene) -> Tracks:
+        """Move all vehicles to the frame's time, take in what was measured, return them all."""
+        dt_s = 0.0 if self._last_s is None else max(scene.t_s - self._last_s, 0.0)
+        self._last_s = scene.t_s
+        for vehicle in self._vehicles:
+            vehicle.predict(dt_s)
+        lanes = sorted({(v.approach, v.lane) for v in self._vehicles})
+        measured = _by_lane(points)
+        left: list[_Interval] = []
+        for key in sorted(set(lanes) | set(measured)):
+            left += self._update_lane(key, measured.get(key, []), scene.t_s, dt_s)
+        left = self._changed_lanes(left, scene.t_s)
+        for interval in left:
+            self._start(interval, scene.t_s)
+        self._retire(points, scene.t_s)
+        return self._tracks(scene)
+
+    def _update_lane(
+        self, key: tuple[int, int], intervals: list[_Interval], t_s: float, dt_s: float
+    ) -> list[_Interval]:
+        """Correct one lane's vehicles; return the intervals that nobody claims."""
+        vehicles = sorted(
+            (v for v in self._vehicles if (v.approach, v.lane) == key), key=lambda v: v.rear_m
+        )
+        unclaimed = []
+        for interval in intervals:
+            inside = [v for v in vehicles if _overlaps(v, interval)]
+            if not inside:
+                unclaimed.append(interval)
+                continue
+            if len(inside) == 1:
+                unclaimed += _correct_one(inside[0], interval, dt_s)
+            else:
+                _correct_many(inside, interval)
+            for vehicle in inside:
+                vehicle.hits += 1
+                vehicle.seen_s = t_s
+        return unclaimed
+
+    def _changed_lanes(self, intervals: list[_Interval], t_s: float) -> list[_Interval]:
+        """Let vehicles that lost their interval take one beside them; return what is left."""
+        left = []
+        for interval in intervals:
+            beside = [
+                v
+                for v in self._vehicles
+                if v.approach == interval.approach
+                and abs(v.lane - interval.lane) == 1
+                and v.seen_s < t_s
+                and _overlap_m(v, interval)
+                > 0.6 * min(v.length_m, interval.front_m - interval.rear_m)
+            ]
+            if not beside:
+                left.append(interval)
+                continue
+            vehicle = max(beside, key=lambda v: v.hits)
+            vehicle.lane = interval.lane
+            _correct_one(vehicle, interval, 0.0)
+            vehicle.hits += 1
+            vehicle.seen_s = t_s
+        return left
+
+    def _start(self, interval: _Interval, t_s: float) -> None:
+        length = interval.front_m - interval.rear_m
+        pieces = max(1, round(length / SLOT_M)) if length > LONGEST_M else 1
+        for piece in range(pieces):
+            rear = interval.rear_m + piece * length / pieces
+            own = length / pieces - (2.0 if pieces > 1 else 0.0)
+            if interval.cut_rear:
+                # Its rear is still outside: the front is all that is known.
+                own = max(own, TYPICAL_LENGTH_M)
+                rear = interval.front_m - own
+            speed, sigma = self._speed_around(interval, rear)
+            self._vehicles.append(
+                _Vehicle(
+                    self._next_id,
+                    interval.approach,
+                    interval.lane,
+                    rear,
+                    speed,
+                    max(own, 2.5),
+                    interval.offset_m,
+                    t_s,
+                    var_speed=sigma**2,
+                    length_known=not (interval.cut_rear or interval.cut_front),
+                    seen_s=t_s,
+                    born_at_m=rear,
+                )
+            )
+            self._next_id += 1
+
+    def _speed_around(self, interval: _Interval, rear_m: float) -> tuple[float, float]:
+        """Guess a newcomer's speed from the nearest believed vehicle of its lane."""
+        near = [
+            v
+            for v in self._vehicles
+            if v.confirmed and v.approach == interval.approach and abs(v.rear_m - rear_m) < 60.0
+        ]
+        if not near:
+            return 0.0, FIRST_SPEED_SIGMA_MPS
+        nearest = min(near, key=lambda v: abs(v.rear_m - rear_m) + 20 * (v.lane != interval.lane))
+        return nearest.speed_mps, 8.0
+
+    def _retire(self, points: RoadPoints, t_s: float) -> None:
+        """Confirm what was seen often enough and let go of what left or was lost."""
+        kept = []
+        for v in self._vehicles:
+            if not v.confirmed and v.hits >= CONFIRM_HITS and t_s - v.born_s >= CONFIRM_S:
+                v.confirmed = True
+            begin_m, end_m = points.spans.get(v.approach, (-np.inf, np.inf))
+            gone = v.rear_m > end_m - 1.0 or v.front_m < begin_m - 1.0
+            unseen_s = t_s - v.seen_s
+            limit_s = COAST_S if v.confirmed else 0.25
+            if v.confirmed and any(
+                t.approach == v.approach
+                and t is not v
+                and t.seen_s == t_s
+                and abs(t.lane - v.lane) == 1
+                and t.length_m > 6.5
+                and t.rear_m - 2 < v.rear_m
+                and v.front_m < t.front_m + 2
+                for t in self._vehicles
+            ):
+                limit_s = HIDDEN_S
+            if not gone and unseen_s <= limit_s:
+                kept.append(v)
+        self._vehicles = _without_doubles(kept)
+
+    def _tracks(self, scene: Scene) -> Tracks:
+        assert isinstance(scene.raster, RoadRaster)
+        approaches = scene.raster.approaches
+        rows = [v for v in self._vehicles if v.approach < len(approaches)]
+        n = len(rows)
+        enu, course = np.empty((n, 2)), np.empty((n, 2))
+        corners = np.empty((n, 4, 2))
+        for index, approach in enumerate(approaches):
+            at = [i for i, v in enumerate(rows) if v.approach == index]
+            if not at:
+                continue
+            rear = np.array([rows[i].rear_m for i in at])
+            length = np.array([rows[i].length_m for i in at])
+            offset = np.array([rows[i].offset_m for i in at])
+            enu[at], course[at], corners[at] = _on_ground(approach, rear, length, offset)
+        px = enu_to_px(scene.mapping, enu)
+        corners_px = enu_to_px(scene.mapping, corners.reshape(-1, 2)).reshape(n, 4, 2)
+        low, high = corners_px.min(axis=1), corners_px.max(axis=1)
+        speed = np.array([v.speed_mps for v in rows])
+        return Tracks(
+            ids=np.array([v.track_id for v in rows], np.int64),
+            states=tuple(_state(v, scene.t_s) for v in rows),
+            px=px,
+            boxes_px=np.concatenate([low, high - low], axis=1),
+            enu=enu,
+            velocity_mps=course * speed[:, None],
+            sigma_m=np.sqrt(np.array([v.var_station for v in rows])),
+            length_m=np.array([v.length_m for v in rows]),
+        )
+
+
+def _state(vehicle: _Vehicle, t_s: float) -> TrackState:
+    if not vehicle.confirmed:
+        return TrackState.TENTATIVE
+    return TrackState.CONFIRMED if vehicle.seen_s == t_s else TrackState.COASTING
+
+
+def _on_ground(
+    approach: Approach, rear: Floats, length: Floats, offset: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return centres (n, 2), courses (n, 2) and footprint corners (n, 4, 2) in ENU."""
+    half_width = np.where(length > 6.5, 1.25, 0.95)
+    at = np.concatenate([rear + length / 2, rear, rear + length])
+    points = place(approach, at, np.tile(offset, 3)).reshape(3, -1, 2)
+    ahead = points[2] - points[1]
+    course = ahead / np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9)
+    left = np.column_stack([-course[:, 1], course[:, 0]]) * half_width[:, None]
+    corners = np.stack(
+        [points[1] - left, points[1] + left, points[2] + left, points[2] - left], axis=1
+    )
+    return points[0], course, corners
+
+
+def _correct_one(vehicle: _Vehicle, interval: _Interval, dt_s: float) -> list[_Interval]:
+    """Correct a vehicle that has an interval to itself; return what else must be inside it."""
+    length = interval.front_m - interval.rear_m
+    rear_gap = abs(interval.rear_m - vehicle.rear_m)
+    front_gap = abs(interval.front_m - vehicle.front_m)
+    whole = not (interval.cut_rear or interval.cut_front)
+    vehicle.offset_m += OFFSET_RATE * (interval.offset_m - vehicle.offset_m)
+    longer = length - vehicle.length_m
+    if vehicle.length_known and longer > LENGTH_STEP_M:
+        vehicle.longer_s += dt_s
+        by_rear = rear_gap <= front_gap
+        rear = interval.rear_m if by_rear else interval.front_m - vehicle.length_m
+        if min(rear_gap, front_gap) < vehicle.gate_m():
+            vehicle.correct(rear, MERGED_SIGMA_M)
+        if vehicle.longer_s < 0.5:
+            return []
+        vehicle.longer_s = 0.0
+        return [_remainder(interval, vehicle, by_rear)]
+    vehicle.longer_s = 0.0
+    if whole:
+        if not vehicle.length_known:
+            vehicle.length_m, vehicle.length_known = length, True
+        vehicle.length_m += LENGTH_RATE * (length - vehicle.length_m)
+        vehicle.correct(interval.rear_m, END_SIGMA_M)
+    elif interval.cut_rear:
+        vehicle.length_m = max(vehicle.length_m, length)
+        vehicle.correct(interval.front_m - vehicle.length_m, END_SIGMA_M)
+    else:
+        vehicle.correct(interval.rear_m, END_SIGMA_M)
+        vehicle.length_m = max(vehicle.length_m, length)
+    return []
+
+
+def _remainder(interval: _Interval, vehicle: _Vehicle, by_rear: bool) -> _Interval:
+    """Return the part of an interval that its one vehicle does not explain."""
+    if by_rear:
+        rear, front = interval.rear_m + vehicle.length_m + 1.0, interval.front_m
+    else:
+        rear, front = interval.rear_m, interval.front_m - vehicle.length_m - 1.0
+    return _Interval(
+        interval.approach,
+        interval.lane,
+        rear,
+        max(front, rear + 2.0),
+        interval.offset_m,
+        interval.cut_rear and not by_rear,
+        interval.cut_front and by_rear,
+    )
+
+
+def _correct_many(vehicles: Sequence[_Vehicle], interval: _Interval) -> None:
+    """Give the rear of a merged interval to its last vehicle and the front to its first."""
+    last, first = vehicles[0], vehicles[-1]
+    if not interval.cut_rear and abs(interval.rear_m - last.rear_m) < last.gate_m():
+        last.correct(interval.rear_m, END_SIGMA_M)
+    if not interval.cut_front and abs(interval.front_m - first.front_m) < first.gate_m():
+        first.correct(interval.front_m - first.length_m, MERGED_SIGMA_M)
+    for behind, ahead in pairwise(vehicles):
+        # Nobody drives into the one ahead: a filter that says so has missed a braking.
+        overlap = behind.front_m + 0.5 - ahead.rear_m
+        if overlap > 0:
+            behind.correct(behind.rear_m - overlap, MERGED_SIGMA_M)
+
+
+def _by_lane(points: RoadPoints) -> dict[tuple[int, int], list[_Interval]]:
+    lanes: dict[tuple[int, int], list[_Interval]] = {}
+    rows = zip(
+        points.approach.tolist(),
+        points.lane.tolist(),
+        points.rear_m.tolist(),
+        points.front_m.tolist(),
+        points.offset_m.tolist(),
+        points.cut_rear.tolist(),
+        points.cut_front.tolist(),
+        strict=True,
+    )
+    for row in rows:
+        lanes.setdefault((row[0], row[1]), []).append(_Interval(*row))
+    return lanes
+
+
+def _overlap_m(vehicle: _Vehicle, interval: _Interval) -> float:
+    return min(vehicle.front_m, interval.front_m) - max(vehicle.rear_m, interval.rear_m)
+
+
+def _shared(vehicle: _Vehicle, interval: _Interval) -> float:
+    """Return the overlap as a share of the shorter of the two."""
+    shorter = min(vehicle.length_m, interval.front_m - interval.rear_m)
+    return _overlap_m(vehicle, interval) / max(shorter, 0.1)
+
+
+def _overlaps(vehicle: _Vehicle, interval: _Interval) -> bool:
+    """Tell whether a vehicle may be what the interval shows."""
+    if _shared(vehicle, interval) >= 0.4:
+        return True
+    return not vehicle.confirmed and -_overlap_m(vehicle, interval) < min(vehicle.gate_m(), 6.0)
+
+
+def _without_doubles(vehicles: list[_Vehicle]) -> list[_Vehicle]:
+    """Of two vehicles of a lane at one place keep the one seen more often."""
+    kept: list[_Vehicle] = []
+    for v in sorted(vehicles, key=lambda v: -v.hits):
+        if not any(
+            k.approach == v.approach
+            and k.lane == v.lane
+            and min(k.front_m, v.front_m) - max(k.rear_m, v.rear_m)
+            > 0.5 * min(k.length_m, v.length_m)
+            for k in kept
+        ):
+            kept.append(v)
+    return kept

@@ -1,0 +1,148 @@
+"""The queue over time: hysteresis in speed and time for vehicles, a state machine for roads.
+
+A vehicle is queued from 1 s after it falls below the queue speed until it has been above 1.25 × it
+for 1 s; the end of the queue is the rear of the most upstream queued vehicle that has another
+queued one within 60 m downstream (the definition that ground truth uses).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from queuetail.traffic.growth import Growth
+from queuetail.traffic.queue import end_of_queue
+from queuetail.types import (
+    Approach,
+    Bools,
+    Floats,
+    QueueState,
+    QueueStatus,
+    RoadRaster,
+    RoadVehicles,
+    Scene,
+    TrackState,
+)
+
+HOLD_S = 1.0  # below or above the speed before a vehicle changes its mind
+RELEASE_FACTOR = 1.25
+COMPANION_M = 60.0
+EDGE_M = 4.0  # nearer to the end of what is seen, a queue may go on beyond it
+CLEAR_HOLD_S = 0.4  # a queue is not over because of one bad frame
+FLOOR_SIGMA_M = 0.35
+
+
+@dataclass(slots=True)
+class _Memory:
+    """What is remembered of one vehicle: queued or not, and since when it disagrees."""
+
+    queued: bool = False
+    since_s: float | None = None
+    seen_s: float = 0.0
+
+
+class QueueWatch:
+    """Decides the state of every approach from its vehicles."""
+
+    def __init__(self, queue_speed_mps: float) -> None:
+        self._speed_mps = queue_speed_mps
+        self._memories: dict[int, _Memory] = {}
+        self._growth: dict[str, Growth] = {}
+        self._held: dict[str, tuple[float, QueueState]] = {}
+
+    def update(
+        self, vehicles: RoadVehicles, approaches: Sequence[Approach], scene: Scene
+    ) -> tuple[RoadVehicles, tuple[QueueState, ...]]:
+        """Return the vehicles with `queued` set, and the state of every approach."""
+        assert isinstance(scene.raster, RoadRaster)
+        slow = self._queued(vehicles, scene.t_s)
+        marked = np.zeros(len(vehicles), np.bool_)
+        states = []
+        for index, approach in enumerate(approaches):
+            queued = with_companions(vehicles, slow & (vehicles.approach == index))
+            marked |= queued
+            span = scene.raster.spans.get(index)
+            states.append(self._state(vehicles, queued, approach, span, scene))
+        return dataclasses.replace(vehicles, queued=marked), tuple(states)
+
+    def _queued(self, vehicles: RoadVehicles, t_s: float) -> Bools:
+        """Return which vehicles are queued by speed and time alone."""
+        result = np.zeros(len(vehicles), np.bool_)
+        ids = vehicles.tracks.ids.tolist()
+        speeds = vehicles.speed_mps.tolist()
+        for i, (track_id, speed) in enumerate(zip(ids, speeds, strict=True)):
+            if vehicles.tracks.states[i] is TrackState.TENTATIVE or not np.isfinite(speed):
+                continue
+            memory = self._memories.setdefault(track_id, _Memory())
+            step(memory, speed, t_s, self._speed_mps)
+            result[i] = memory.queued
+        if len(self._memories) > 4 * len(ids) + 100:
+            alive = set(ids)
+            self._memories = {k: m for k, m in self._memories.items() if k in alive}
+        return result
+
+    def _state(
+        self,
+        vehicles: RoadVehicles,
+        queued: Bools,
+        approach: Approach,
+        span: tuple[float, float] | None,
+        scene: Scene,
+    ) -> QueueState:
+        growth = self._growth.setdefault(approach.name, Growth())
+        if span is None:
+            why = ("the approach is not in the picture",)
+            return QueueState(approach.name, QueueStatus.UNKNOWN, None, why)
+        eoq = end_of_queue(vehicles, queued, approach, scene.mapping)
+        rate = growth.update(scene.t_s, None if eoq is None else eoq.station_m)
+        if eoq is None:
+            return self._held_or_clear(approach.name, scene.t_s)
+        sigma = float(np.hypot(eoq.sigma_m, FLOOR_SIGMA_M))
+        eoq = dataclasses.replace(eoq, growth_mps=rate, sigma_m=sigma)
+        beyond = eoq.station_m < span[0] + EDGE_M
+        status = QueueStatus.BEYOND_VIEW if beyond else QueueStatus.QUEUED
+        state = QueueState(approach.name, status, eoq)
+        self._held[approach.name] = (scene.t_s, state)
+        return state
+
+    def _held_or_clear(self, name: str, t_s: float) -> QueueState:
+        """Hold the last queue for a moment: dissolving takes longer than one frame."""
+        held = self._held.get(name)
+        if held is not None and t_s - held[0] < CLEAR_HOLD_S:
+            return held[1]
+        return QueueState(name, QueueStatus.CLEAR)
+
+
+def step(memory: _Memory, speed_mps: float, t_s: float, queue_speed_mps: float) -> None:
+    """Advance one vehicle's hysteresis in speed and time."""
+    memory.seen_s = t_s
+    limit = queue_speed_mps * (RELEASE_FACTOR if memory.queued else 1.0)
+    disagrees = speed_mps > limit if memory.queued else speed_mps < limit
+    if not disagrees:
+        memory.since_s = None
+    elif memory.since_s is None:
+        memory.since_s = t_s
+    elif t_s - memory.since_s >= HOLD_S:
+        memory.queued, memory.since_s = not memory.queued, None
+
+
+def with_companions(vehicles: RoadVehicles, slow: Bools) -> Bools:
+    """Keep the slow vehicles of a queue: those with another one close downstream, and those ones.
+
+    A lone slow vehicle, or one far behind the rest, is not a queue.
+    """
+    rows = np.flatnonzero(slow)
+    if len(rows) < 2:
+        return np.zeros_like(slow)
+    rear: Floats = vehicles.rear_station_m[rows]
+    order = np.argsort(rear)
+    near_ahead = np.diff(rear[order]) <= COMPANION_M
+    kept = np.zeros(len(rows), np.bool_)
+    kept[order[:-1]] |= near_ahead
+    kept[order[1:]] |= near_ahead
+    result = np.zeros_like(slow)
+    result[rows[kept]] = True
+    return result

@@ -1,0 +1,171 @@
+"""The road as it is without vehicles: a background that does not absorb what stops.
+
+Asphalt is alike along a lane, so the first picture already tells the road from a queue that stands
+on it: the most common brightness of each row is road, and what differs from it is not learnt.
+Later every pixel learns only while no vehicle covers it.  Brightness is compared per stretch of
+road, so that clouds and exposure steps are not vehicles.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from queuetail.types import Band, Bools, Image, Masks, RoadRaster
+
+Picture = NDArray[np.float32]
+
+SETTLE_S = 0.6  # learning time while the model is young
+LEARN_S = 6.0  # and later: slow enough to average noise, fast enough for moving light
+YOUNG_S = 3.0
+GAIN_WINDOW_M = 9.0  # stretch of road over which brightness is compared
+GAIN_LIMITS = (0.25, 4.0)
+MIN_THRESHOLD = 9.0  # grey levels
+NOISE_SIGMAS = 4.5
+EDGE_TOLERANCE = 0.45  # share of the local gradient: half a pixel of misregistration
+PRIOR_TOLERANCE = 20.0  # grey levels from a row's road that the first picture may differ
+GROW_M = 1.2  # vehicles are kept out of learning with this margin
+
+
+class RoadBackground:
+    """Separates vehicles from the road in road-view rasters."""
+
+    def __init__(self) -> None:
+        self._layout: RoadRaster | None = None
+        self._road = np.zeros((0, 0), np.float32)
+        self._bands: tuple[Band, ...] = ()
+        self._noise = 2.0
+        self._began_s = self._last_s = 0.0
+
+    def apply(self, raster: RoadRaster, t_s: float, protect: Image) -> Masks:
+        """Return what is not road in this frame.
+
+        `protect` marks pixels that belong to known vehicles (255): they are never learnt.
+        """
+        image = raster.image
+        if self._layout is None or self._layout.plan != raster.plan:
+            self._start(raster, t_s)
+        self._layout, self._bands = raster, raster.bands
+        self._light(image, protect)
+        difference = cv2.subtract(image, self._lit, dtype=cv2.CV_32F)
+        foreign = cv2.compare(cv2.absdiff(difference, 0.0), self._threshold, cv2.CMP_GT)
+        foreign &= cv2.compare(image, 0, cv2.CMP_GT)
+        bright = cv2.compare(difference, self._threshold, cv2.CMP_GT)
+        self._learn(image, foreign, protect, t_s)
+        return Masks(foreign, bright)
+
+    def _start(self, raster: RoadRaster, t_s: float) -> None:
+        """Believe the first picture where it looks like its row's road, and the row elsewhere.
+
+        Road that an earlier layout showed as well is kept as it was learnt.
+        """
+        image, old_road, old = raster.image, self._road, self._layout
+        self._began_s = self._last_s = t_s
+        self._road = np.zeros(image.shape, np.float32)
+        self._lit = np.zeros(image.shape, np.float32)
+        self._threshold = np.full(image.shape, MIN_THRESHOLD, np.float32)
+        self._covered = np.zeros(image.shape, np.uint8)
+        self._gain = np.ones((len(raster.bands), image.shape[1]), np.float32)
+        grow = max(round(GROW_M * raster.px_per_m), 1)
+        self._grow = cv2.getStructuringElement(cv2.MORPH_RECT, (2 * grow + 1, 3))
+        self._window = max(round(GAIN_WINDOW_M * raster.px_per_m), 1)
+        for band in raster.bands:
+            part = np.s_[band.rows[0] : band.rows[1], : band.columns]
+            picture = image[part].astype(np.float32)
+            profile = _row_modes(picture)[:, None]
+            alike = np.abs(picture - profile) < PRIOR_TOLERANCE
+            self._road[part] = np.where(alike, picture, profile)
+            self._covered[part] = np.where(alike, 0, 255)
+            _accept_occluders(self._road[part], picture, alike)
+        if old is not None and old.px_per_m == raster.px_per_m:
+            _carry_over(old_road, old.bands, self._road, raster.bands)
+        self._refresh_threshold()
+
+    def _light(self, image: Image, protect: Image) -> None:
+        """Scale the road to the light of this picture, stretch by stretch."""
+        free = cv2.bitwise_not(cv2.bitwise_or(self._covered, protect))
+        free &= cv2.compare(image, 0, cv2.CMP_GT)
+        window = self._window
+        for number, band in enumerate(self._bands):
+            part = np.s_[band.rows[0] : band.rows[1], : band.columns]
+            use = free[part]
+            seen = cv2.reduce(
+                cv2.bitwise_and(image[part], use), 0, cv2.REDUCE_SUM, dtype=cv2.CV_32F
+            )
+            known = cv2.copyTo(self._road[part], use)
+            road = cv2.reduce(known, 0, cv2.REDUCE_SUM, dtype=cv2.CV_32F)
+            seen_sum = cv2.blur(seen, (window, 1), borderType=cv2.BORDER_REPLICATE)
+            road_sum = cv2.blur(road, (window, 1), borderType=cv2.BORDER_REPLICATE)
+            gain = _ratio_or_neighbour(seen_sum[0], road_sum[0], band.rows[1] - band.rows[0])
+            self._gain[number, : band.columns] = np.clip(gain, *GAIN_LIMITS)
+            np.multiply(self._road[part], self._gain[number, : band.columns], out=self._lit[part])
+
+    def _learn(self, image: Image, foreign: Image, protect: Image, t_s: float) -> None:
+        dt_s, self._last_s = max(t_s - self._last_s, 0.0), t_s
+        self._covered = cv2.dilate(cv2.bitwise_or(foreign, protect), self._grow)
+        free = cv2.bitwise_and(cv2.bitwise_not(self._covered), cv2.compare(image, 0, cv2.CMP_GT))
+        young = t_s - self._began_s < YOUNG_S
+        rate = 1.0 - float(np.exp(-dt_s / (SETTLE_S if young else LEARN_S)))
+        for number, band in enumerate(self._bands):
+            part = np.s_[band.rows[0] : band.rows[1], : band.columns]
+            unlit = image[part] / self._gain[number, : band.columns]
+            cv2.accumulateWeighted(unlit.astype(np.float32), self._road[part], rate, free[part])
+        residual = cv2.absdiff(image.astype(np.float32), self._lit)[::4, ::4]
+        calm = residual[free[::4, ::4] > 0]
+        if len(calm) > 50:
+            self._noise += 0.1 * (1.48 * float(np.median(calm)) - self._noise)
+        self._refresh_threshold()
+
+    def _refresh_threshold(self) -> None:
+        slope = cv2.morphologyEx(self._road, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
+        base = max(MIN_THRESHOLD, NOISE_SIGMAS * self._noise)
+        np.multiply(slope, EDGE_TOLERANCE, out=self._threshold)
+        self._threshold += base
+
+
+def _carry_over(
+    old: Picture, old_bands: tuple[Band, ...], new: Picture, new_bands: tuple[Band, ...]
+) -> None:
+    """Copy learnt road from an old layout to where a new one shows the same place."""
+    before = {b.approach_index: b for b in old_bands}
+    for band in new_bands:
+        known = before.get(band.approach_index)
+        if known is None or known.lane_rows != band.lane_rows:
+            continue
+        shift = band.first_column - known.first_column
+        first, last = max(shift, 0), min(known.columns, band.columns + shift)
+        if last > first:
+            rows, known_rows = slice(*band.rows), slice(*known.rows)
+            new[rows, first - shift : last - shift] = old[known_rows, first:last]
+
+
+def _row_modes(picture: Picture) -> Picture:
+    """Return each row's most common brightness: road is one colour, vehicles are many."""
+    modes = np.zeros(len(picture), np.float32)
+    kernel = cv2.getGaussianKernel(25, 4.0)
+    for i, row in enumerate(picture):
+        values = row[row > 0].astype(np.uint8)
+        if len(values):
+            counts = np.bincount(values, minlength=256).astype(np.float32)[:, None]
+            modes[i] = int(cv2.filter2D(counts, -1, kernel).argmax())
+    return modes
+
+
+def _accept_occluders(road: Picture, picture: Picture, alike: Bools) -> None:
+    """Take a bridge or gantry, which also covers both shoulders, for part of the scene."""
+    shoulder = max(len(alike) // 8, 1)
+    odd = np.logical_not(alike)
+    across = (odd[:shoulder].mean(axis=0) > 0.7) & (odd[-shoulder:].mean(axis=0) > 0.7)
+    across &= odd.mean(axis=0) > 0.7
+    road[:, across] = picture[:, across]
+
+
+def _ratio_or_neighbour(seen: Picture, road: Picture, rows: int) -> Picture:
+    """Return seen / road per column; columns with too little bare road take the nearest ones'."""
+    enough = road > 0.08 * rows * max(float(np.median(road)) / max(rows, 1), 1.0)
+    if not enough.any():
+        return np.ones_like(seen)
+    columns = np.arange(len(seen))
+    good = columns[enough]
+    return np.interp(columns, good, seen[enough] / road[enough]).astype(np.float32)

@@ -1,0 +1,458 @@
+"""The road view: every approach rectified into a band of a small metric raster.
+
+A band's columns run along the station and its rows across the road, from left to right.  Curved
+roads are cut into straight tiles, so that each tile is one perspective warp and only the road's own
+pixels are touched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from queuetail.geo.camera import camera_position_enu
+from queuetail.geo.ground import apply_homography, enu_to_px
+from queuetail.traffic.road import place
+from queuetail.types import (
+    Approach,
+    Band,
+    Bools,
+    Floats,
+    Frame,
+    GroundMapping,
+    Image,
+    Ints,
+    LaneDetections,
+    RoadPoints,
+    RoadRaster,
+)
+
+MARGIN_M = 2.5  # of shoulder beside the lanes: a sample of bare road at every station
+SAGITTA_M = 0.12  # how far a straight tile may leave a curved axis
+MIN_TILE_M, MAX_TILE_M = 8.0, 4000.0
+GRID_M = 2.0  # spacing of the points at which the view is tested
+FINEST_M, COARSEST_M = 0.12, 0.4
+MIN_ALONG_PX_PER_M = 1.4  # a car of 4.5 m is then 6 pixels long
+MIN_ACROSS_PX_PER_M = 1.8
+MAX_ROAD_M = 1200.0
+RECHECK_S = 0.25  # how often it is looked at what the picture shows
+REPLAN_M = 12.0  # of road that came into or left the picture before it is laid out anew
+LEAN_BLOCKS = 12  # along a band: the lean changes slowly
+EDGE_PX = 3.0  # the outermost pixels of a picture are left out
+
+
+@dataclass(frozen=True, slots=True)
+class Tile:
+    """A straight piece of a band: its columns, and the homography from raster to ENU."""
+
+    first_column: int
+    columns: int
+    H_enu_raster: Floats  # of raster coordinates within the whole raster
+
+
+@dataclass(frozen=True, slots=True)
+class StripBand:
+    """One approach in the raster: where its rows and columns lie on the road."""
+
+    approach: Approach
+    approach_index: int
+    first_row: int
+    rows: int
+    columns: int
+    start_station_m: float  # of column 0's left edge
+    left_offset_m: float  # of row 0's upper edge
+    metres_per_px: float
+    tiles: tuple[Tile, ...]
+
+    def station_m(self, column: Floats | Ints) -> Floats:
+        """Return the stations of raster columns."""
+        return np.asarray(self.start_station_m + column * self.metres_per_px, float)
+
+
+@dataclass(frozen=True, slots=True)
+class StripPlan:
+    """All bands, stacked into one raster of `rows` × `columns`."""
+
+    bands: tuple[StripBand, ...]
+    rows: int
+    columns: int
+    metres_per_px: float
+
+
+def plan_strip(
+    approaches: Sequence[Approach],
+    mapping: GroundMapping,
+    size: tuple[int, int],
+    resolution: float | None = None,
+) -> StripPlan | None:
+    """Lay out the raster for what the picture shows of the approaches; None where it shows none.
+
+    `resolution` in metres per pixel is chosen from the picture's own where it is not given.
+    """
+    spans = [_visible_span(approach, mapping, size) for approach in approaches]
+    seen = [(i, a, s) for i, (a, s) in enumerate(zip(approaches, spans, strict=True)) if s]
+    if not seen:
+        return None
+    if resolution is None:
+        finest = min(_ground_sample_m(a, s, mapping) for _, a, s in seen)
+        resolution = float(np.clip(finest, FINEST_M, COARSEST_M))
+    bands: list[StripBand] = []
+    row = 0
+    for index, approach, span in seen:
+        band = _band(approach, index, span, row, resolution)
+        bands.append(band)
+        row += band.rows
+    return StripPlan(tuple(bands), row, max(b.columns for b in bands), resolution)
+
+
+class RoadView:
+    """Renders the approaches of a frame, and places what is found there on the road."""
+
+    def __init__(self) -> None:
+        self._plan: StripPlan | None = None
+        self._serial = 0
+        self._approaches: tuple[Approach, ...] = ()
+        self._image = np.zeros((0, 0), np.uint8)
+        self._bands: tuple[Band, ...] = ()
+        self._checked_s = -np.inf
+
+    def render(
+        self, frame: Frame, mapping: GroundMapping, approaches: tuple[Approach, ...]
+    ) -> RoadRaster:
+        """Return the raster of this frame; its image is overwritten by the next call."""
+        if approaches is not self._approaches or frame.t_s - self._checked_s >= RECHECK_S:
+            self._lay_out(frame, mapping, approaches)
+        if self._plan is None:
+            return RoadRaster(self._image, 1.0, (), self._serial, approaches)
+        for band in self._plan.bands:
+            for tile in band.tiles:
+                self._render_tile(frame.luma, mapping, band, tile)
+        return RoadRaster(
+            image=self._image,
+            px_per_m=1.0 / self._plan.metres_per_px,
+            bands=self._bands,
+            plan=self._serial,
+            approaches=approaches,
+            spans=self._spans(),
+        )
+
+    def cover(self, footprints: Sequence[tuple[int, int, float, float]]) -> Image:
+        """Mask the raster (255) where (approach, lane, rear, front) says vehicles are."""
+        mask = np.zeros_like(self._image)
+        for strip, band in zip(self._plan.bands if self._plan else (), self._bands, strict=True):
+            half = strip.approach.lane_width_m / 2 / strip.metres_per_px
+            for approach, lane, rear_m, front_m in footprints:
+                if approach != strip.approach_index or lane > len(band.lane_rows):
+                    continue
+                middle = strip.first_row + band.lane_rows[lane - 1]
+                rows = slice(max(int(middle - half), 0), int(middle + half) + 1)
+                columns = slice(
+                    max(int((rear_m - strip.start_station_m) / strip.metres_per_px), 0),
+                    max(int((front_m - strip.start_station_m) / strip.metres_per_px) + 1, 0),
+                )
+                mask[rows, columns] = 255
+        return mask
+
+    def locate(
+        self, detections: LaneDetections, raster: RoadRaster, mapping: GroundMapping
+    ) -> RoadPoints:
+        """Turn columns and rows into stations and offsets."""
+        strips = self._plan.bands if self._plan else ()
+        index = np.array([b.approach_index for b in strips], np.int64)
+        start = np.array([b.start_station_m for b in strips])
+        left = np.array([b.left_offset_m for b in strips])
+        scale = 1.0 / raster.px_per_m
+        band = detections.band
+        if not len(band):
+            empty = np.empty(0)
+            return RoadPoints(
+                detections.band, detections.lane, empty, empty, empty,
+                detections.cut_rear, detections.cut_front, raster.spans, np.empty((0, 4)),
+            )  # fmt: skip
+        rear = start[band] + detections.rear_column * scale
+        front = start[band] + detections.front_column * scale
+        offset = left[band] - detections.row * scale
+        return RoadPoints(
+            approach=index[band],
+            lane=detections.lane,
+            rear_m=rear,
+            front_m=front,
+            offset_m=offset,
+            cut_rear=detections.cut_rear,
+            cut_front=detections.cut_front,
+            spans=raster.spans,
+            boxes_px=_boxes_px(raster.approaches, index[band], rear, front, offset, mapping),
+        )
+
+    def _spans(self) -> dict[int, tuple[float, float]]:
+        assert self._plan is not None
+        spans = {}
+        for strip, band in zip(self._plan.bands, self._bands, strict=True):
+            first, last = band.visible_columns
+            if last > first:
+                ends = strip.station_m(np.array([first, last]))
+                spans[strip.approach_index] = (float(ends[0]), float(ends[1]))
+        return spans
+
+    def _lay_out(
+        self, frame: Frame, mapping: GroundMapping, approaches: tuple[Approach, ...]
+    ) -> None:
+        """Refresh what is visible, and plan anew where the picture now shows other road."""
+        self._checked_s = frame.t_s
+        known = approaches is self._approaches
+        resolution = self._plan.metres_per_px if known and self._plan else None
+        plan = plan_strip(approaches, mapping, frame.size, resolution)
+        if not known or not _covers(self._plan, plan):
+            self._plan, self._approaches = plan, approaches
+            self._serial += 1
+            shape = (plan.rows, plan.columns) if plan else (0, 0)
+            self._image = np.zeros(shape, np.uint8)
+        camera = camera_position_enu(mapping)
+        strips = self._plan.bands if self._plan else ()
+        self._bands = tuple(_seen_band(b, mapping, frame.size, camera) for b in strips)
+
+    def _render_tile(
+        self, luma: Image, mapping: GroundMapping, band: StripBand, tile: Tile
+    ) -> None:
+        H_px_raster = mapping.H_px_enu @ tile.H_enu_raster
+        rows = slice(band.first_row, band.first_row + band.rows)
+        columns = slice(tile.first_column, tile.first_column + tile.columns)
+        corner = np.array([[1, 0, columns.start], [0, 1, rows.start], [0, 0, 1.0]])
+        H_px_tile = H_px_raster @ corner
+        left, top, right, bottom = _source_window(H_px_tile, tile.columns, band.rows, luma.shape)
+        if right - left < 2 or bottom - top < 2:
+            self._image[rows, columns] = 0
+            return
+        source = luma[top:bottom, left:right]
+        shrink = _shrink(H_px_tile, tile.columns, band.rows)
+        if shrink > 1:
+            # Averaging first keeps fine texture of a large picture from turning into noise.
+            height, width = (max(n // shrink, 1) for n in source.shape)
+            source = source[: height * shrink, : width * shrink]
+            source = cv2.resize(source, (width, height), interpolation=cv2.INTER_AREA)
+        to_window = np.array([[1 / shrink, 0, -left / shrink], [0, 1 / shrink, -top / shrink]])
+        M = _centred(np.vstack([to_window, [0, 0, 1]]) @ H_px_tile)
+        self._image[rows, columns] = cv2.warpPerspective(
+            source, M, (tile.columns, band.rows), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        )
+
+
+def visible_columns(
+    band: StripBand, mapping: GroundMapping, size: tuple[int, int]
+) -> tuple[int, int]:
+    """Return the first column that the picture shows at all lanes, and the one after the last."""
+    stations = np.arange(0, band.columns + 1, max(round(GRID_M / band.metres_per_px), 1))
+    lanes_m = band.approach.lanes * band.approach.lane_width_m
+    inside = np.ones(len(stations), np.bool_)
+    for offset in (0.0, -lanes_m):
+        enu = place(band.approach, band.station_m(stations), np.full(len(stations), offset))
+        inside &= _inside(enu_to_px(mapping, enu), size)
+    if not inside.any():
+        return 0, 0
+    seen = np.flatnonzero(inside)
+    return int(stations[seen[0]]), int(min(stations[seen[-1]], band.columns))
+
+
+def _seen_band(
+    strip: StripBand, mapping: GroundMapping, size: tuple[int, int], camera: Floats | None
+) -> Band:
+    """Return how the camera sees a band of the plan at present."""
+    width = strip.approach.lane_width_m
+    return Band(
+        approach_index=strip.approach_index,
+        rows=(strip.first_row, strip.first_row + strip.rows),
+        columns=strip.columns,
+        first_column=round(strip.start_station_m / strip.metres_per_px),
+        visible_columns=visible_columns(strip, mapping, size),
+        lane_rows=tuple(
+            (strip.left_offset_m + (lane + 0.5) * width) / strip.metres_per_px
+            for lane in range(strip.approach.lanes)
+        ),
+        lane_width_px=width / strip.metres_per_px,
+        lean_px=_lean_px(strip, camera),
+    )
+
+
+def _lean_px(strip: StripBand, camera: Floats | None) -> Floats:
+    """Return how far a point one metre up is displaced away from the camera, per block."""
+    if camera is None:
+        return np.zeros((LEAN_BLOCKS, 2))
+    columns = (np.arange(LEAN_BLOCKS) + 0.5) * strip.columns / LEAN_BLOCKS
+    stations = strip.station_m(columns)
+    middle = np.full(LEAN_BLOCKS, -strip.approach.lanes * strip.approach.lane_width_m / 2)
+    here = place(strip.approach, stations, middle)
+    along = place(strip.approach, stations + 1.0, middle) - here
+    lean = (here - camera[:2]) / camera[2]
+    right = np.column_stack([along[:, 1], -along[:, 0]])
+    shift = np.column_stack([(lean * along).sum(axis=1), (lean * right).sum(axis=1)])
+    return shift / strip.metres_per_px
+
+
+def _covers(old: StripPlan | None, new: StripPlan | None) -> bool:
+    """Tell whether an old plan still serves: it shows nearly all that a new one would."""
+    if old is None or new is None:
+        return old is new
+    if [b.approach_index for b in old.bands] != [b.approach_index for b in new.bands]:
+        return False
+    for a, b in zip(old.bands, new.bands, strict=True):
+        a_end, b_end = (float(x.station_m(np.array(x.columns))) for x in (a, b))
+        if abs(a.start_station_m - b.start_station_m) > REPLAN_M or abs(a_end - b_end) > REPLAN_M:
+            return False
+    return True
+
+
+def _boxes_px(
+    approaches: tuple[Approach, ...],
+    index: Ints,
+    rear: Floats,
+    front: Floats,
+    offset: Floats,
+    mapping: GroundMapping,
+) -> Floats:
+    """Return boxes (x, y, width, height) around the ground that detections cover, in pixels."""
+    boxes = np.empty((len(index), 4))
+    for number in np.unique(index).tolist():
+        at = np.flatnonzero(index == number)
+        stations = np.concatenate([rear[at], front[at], front[at], rear[at]])
+        sides = np.repeat([1.0, 1.0, -1.0, -1.0], len(at))
+        enu = place(approaches[number], stations, np.tile(offset[at], 4) + sides)
+        px = enu_to_px(mapping, enu).reshape(4, -1, 2)
+        low = px.min(axis=0)
+        boxes[at] = np.concatenate([low, px.max(axis=0) - low], axis=1)
+    return boxes
+
+
+def _visible_span(
+    approach: Approach, mapping: GroundMapping, size: tuple[int, int]
+) -> tuple[float, float] | None:
+    """Return the longest stretch of stations that is in the picture and near enough."""
+    legs = np.linalg.norm(np.diff(approach.axis_enu, axis=0), axis=1)
+    stations = approach.start_station_m + np.arange(0.0, legs.sum() + GRID_M, GRID_M)
+    middle = np.full(len(stations), -approach.lanes * approach.lane_width_m / 2)
+    enu = place(approach, stations, middle)
+    px = enu_to_px(mapping, enu)
+    ahead = enu_to_px(mapping, place(approach, stations + 1.0, middle))
+    aside = enu_to_px(mapping, place(approach, stations, middle + 1.0))
+    with np.errstate(invalid="ignore"):
+        near = np.linalg.norm(ahead - px, axis=1) >= MIN_ALONG_PX_PER_M
+        near &= np.linalg.norm(aside - px, axis=1) >= MIN_ACROSS_PX_PER_M
+    good = _inside(px, size) & near
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(np.int8), [0]])))
+    if not len(edges):
+        return None
+    starts, ends = edges[::2], edges[1::2] - 1
+    longest = int(np.argmax(ends - starts))
+    first, last = float(stations[starts[longest]]), float(stations[ends[longest]])
+    return (first, min(last, first + MAX_ROAD_M)) if last - first >= 4 * GRID_M else None
+
+
+def _inside(px: Floats, size: tuple[int, int]) -> Bools:
+    with np.errstate(invalid="ignore"):
+        return (
+            (px[:, 0] > EDGE_PX)
+            & (px[:, 1] > EDGE_PX)
+            & (px[:, 0] < size[0] - EDGE_PX)
+            & (px[:, 1] < size[1] - EDGE_PX)
+        )
+
+
+def _ground_sample_m(
+    approach: Approach, span: tuple[float, float], mapping: GroundMapping
+) -> float:
+    """Return the metres per pixel across the road where it is seen best."""
+    stations = np.linspace(*span, 16)
+    middle = np.full(16, -approach.lanes * approach.lane_width_m / 2)
+    px = enu_to_px(mapping, place(approach, stations, middle))
+    ahead = enu_to_px(mapping, place(approach, stations + 1.0, middle))
+    return float(1.0 / np.nanmedian(np.linalg.norm(ahead - px, axis=1)))
+
+
+def _band(
+    approach: Approach, index: int, span: tuple[float, float], first_row: int, resolution: float
+) -> StripBand:
+    width_m = approach.lanes * approach.lane_width_m + 2 * MARGIN_M
+    # Columns lie on one grid from the axis' start, whatever stretch of it is seen.
+    start_m = np.floor(span[0] / resolution) * resolution
+    columns = max(int((span[1] - start_m) / resolution), 1)
+    rows = max(round(width_m / resolution), 1)
+    tiles = tuple(
+        _tile(approach, start_m, first_row, resolution, first, last)
+        for first, last in _tile_columns(approach, start_m, columns, resolution)
+    )
+    return StripBand(
+        approach, index, first_row, rows, columns, start_m, MARGIN_M, resolution, tiles
+    )
+
+
+def _tile_columns(
+    approach: Approach, start_m: float, columns: int, resolution: float
+) -> list[tuple[int, int]]:
+    """Cut the columns so that the axis leaves its chord by at most the sagitta in each piece."""
+    pieces, first = [], 0
+    while first < columns:
+        last = columns
+        while last - first > MIN_TILE_M / resolution:
+            inner = start_m + np.linspace(first, last, 9) * resolution
+            points = place(approach, inner, np.zeros(9))
+            chord = points[-1] - points[0]
+            aside = points - points[0]
+            bow = np.abs(chord[0] * aside[:, 1] - chord[1] * aside[:, 0]) / np.linalg.norm(chord)
+            if bow.max() <= SAGITTA_M:
+                break
+            last = first + max((last - first) * 2 // 3, 1)
+        pieces.append((first, last))
+        first = last
+    return pieces
+
+
+def _tile(
+    approach: Approach, start_m: float, first_row: int, resolution: float, first: int, last: int
+) -> Tile:
+    """Fit raster → ENU to a tile's four corners: exact on straights, continuous on bends."""
+    stations = start_m + np.array([first, last, last, first]) * resolution
+    width_m = approach.lanes * approach.lane_width_m + 2 * MARGIN_M
+    rows = round(width_m / resolution)
+    offsets = MARGIN_M - np.array([0, 0, rows, rows]) * resolution
+    enu = place(approach, stations, offsets)
+    raster = np.array(
+        [[first, first_row], [last, first_row], [last, first_row + rows], [first, first_row + rows]]
+    )
+    H = cv2.getPerspectiveTransform(raster.astype(np.float32), enu.astype(np.float32))
+    return Tile(first, last - first, np.asarray(H, float))
+
+
+def _source_window(
+    H_px_tile: Floats, columns: int, rows: int, shape: tuple[int, ...]
+) -> tuple[int, int, int, int]:
+    """Return the pixels (left, top, right, bottom) of the frame that a tile needs."""
+    corners = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], float)
+    px = apply_homography(H_px_tile, corners)
+    if not np.isfinite(px).all():
+        return 0, 0, shape[1], shape[0]
+    low, high = np.floor(px.min(axis=0)) - 2, np.ceil(px.max(axis=0)) + 2
+    return (
+        int(np.clip(low[0], 0, shape[1])),
+        int(np.clip(low[1], 0, shape[0])),
+        int(np.clip(high[0], 0, shape[1])),
+        int(np.clip(high[1], 0, shape[0])),
+    )
+
+
+def _shrink(H_px_tile: Floats, columns: int, rows: int) -> int:
+    """Return how many frame pixels one raster pixel covers each way, at least 1."""
+    middle = np.array([[columns / 2, rows / 2]])
+    centre = apply_homography(H_px_tile, middle)
+    along = np.linalg.norm(apply_homography(H_px_tile, middle + np.array([1.0, 0.0])) - centre)
+    across = np.linalg.norm(apply_homography(H_px_tile, middle + np.array([0.0, 1.0])) - centre)
+    scale = min(along, across)
+    return max(int(scale), 1) if np.isfinite(scale) else 1
+
+
+def _centred(H: Floats) -> Floats:
+    """Convert a homography between pixel corners to one between pixel centres, as OpenCV counts."""
+    to_corner = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1.0]])
+    to_centre = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]])
+    return to_centre @ H @ to_corner
