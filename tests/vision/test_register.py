@@ -230,6 +230,13 @@ def test_a_picture_without_detail_is_never_the_reference(ground: Image) -> None:
     assert registration.register(seen(ground, motion()), 0.1).quality > 0.8
 
 
+@pytest.mark.parametrize("size", [(1, 1), (31, 400), (40, 30)])
+def test_a_tiny_picture_is_lost_with_a_reason(size: tuple[int, int]) -> None:
+    answer = GroundRegistration(*size).register(textured(*size, 1), 0.0)
+    assert answer.quality == 0
+    assert answer.reason == "the picture is too small"
+
+
 def test_a_picture_of_another_size_is_refused() -> None:
     with pytest.raises(ValueError, match="640×360 came where 1280×720"):
         GroundRegistration(*SIZE).register(np.zeros((360, 640), np.uint8), 0.0)

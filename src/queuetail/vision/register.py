@@ -31,6 +31,7 @@ from queuetail.vision.anchors import (
 )
 
 WORKING_WIDTH_PX = 640  # narrower pictures stay as they are
+LEAST_SIDE_PX = 32
 LEAST_FEATURES = 24  # an anchor has at least this many
 IN_VIEW_SHARE = 0.55  # of its features; below it, the next anchor is taken
 RETURN_SHARE = 0.7
@@ -92,6 +93,8 @@ class GroundRegistration:
                 f"a picture of {luma.shape[1]}×{luma.shape[0]} came where "
                 f"{self._size[0]}×{self._size[1]} were announced"
             )
+        if min(self._working) < LEAST_SIDE_PX:
+            return Registration(np.eye(3), 0.0, "the picture is too small", self._epoch)
         picture = normalised(self._small(luma))
         if not self._anchors:
             return self._start(picture, t_s, moving_px)
