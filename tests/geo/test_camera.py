@@ -116,7 +116,7 @@ def test_the_plane_mapping_round_trips_to_a_millionth_of_a_pixel(pose: CameraPos
 
 
 @settings(max_examples=100)
-@given(poses(), st.floats(-50, 50), st.floats(-50, 50))
+@given(poses(lenses(distorted=False)), st.floats(-50, 50), st.floats(-50, 50))
 def test_the_plane_mapping_is_the_exact_projection(
     pose: CameraPose, east: float, north: float
 ) -> None:
@@ -124,7 +124,7 @@ def test_the_plane_mapping_is_the_exact_projection(
     mapping = mapping_from_pose(pose, ORIGIN)
     by_plane = enu_to_px(mapping, below_camera + np.array([[east, north]]))
     exact = project(np.array([[east, north, 0.0]]), pose)
-    near = np.abs(np.nan_to_num(exact, nan=np.inf)) < 1e5
+    near = np.abs(np.nan_to_num(exact, nan=np.inf)).max(axis=1) < 1e5
     np.testing.assert_allclose(by_plane[near], exact[near], atol=1e-5)
 
 

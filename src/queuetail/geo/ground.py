@@ -46,9 +46,11 @@ def mapping_from_pose(
             -D[2],
         ]
     )
+    # Its inverse in closed form, so that a far origin costs no digits; w is the depth in metres.
+    to_camera = np.array([[1, 0, -camera[0]], [0, 1, -camera[1]], [0, 0, -pose.height_agl_m]])
     return GroundMapping(
         H_enu_px=H,
-        H_px_enu=_inverse_with_positive_depth(H, pose),
+        H_px_enu=camera_matrix(pose.intrinsics) @ R.T @ to_camera,
         origin=origin,
         intrinsics=pose.intrinsics if pose.intrinsics.distortion else None,
         pose=pose,
@@ -120,11 +122,6 @@ def covariance(mapping: GroundMapping, px: Floats) -> Floats:
             steps.append(px_to_enu(mapping_from_pose(moved, mapping.origin), px) - base)
     J = np.stack(steps, axis=-1)
     return np.asarray(J @ np.swapaxes(J, -1, -2) + fixed * np.eye(2))
-
-
-def _inverse_with_positive_depth(H: Floats, pose: CameraPose) -> Floats:
-    """Invert H_enu_px so that w > 0 for ground in front of the camera: w is then the depth / h."""
-    return np.asarray(np.linalg.inv(H) * pose.height_agl_m)
 
 
 def _direct_linear_transform(source: Floats, target: Floats) -> Floats:
