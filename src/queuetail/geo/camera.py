@@ -134,7 +134,8 @@ def project(points_m: Floats, pose: CameraPose) -> Floats:
     seen = (points_m - np.array([0.0, 0.0, pose.height_agl_m])) @ R
     depth = np.where(seen[:, 2] > 0, seen[:, 2], np.nan)
     lens = pose.intrinsics
-    xy = seen[:, :2] / depth[:, None]
+    with np.errstate(over="ignore"):  # of points right beside the camera
+        xy = seen[:, :2] / depth[:, None]
     ideal = xy * [lens.fx_px, lens.fy_px] + [lens.cx_px, lens.cy_px]
     return distort_px(ideal, lens)
 
