@@ -75,6 +75,7 @@ def test_finds_the_bundled_road(flagger: Path) -> None:
     assert ((np.diff(found.axis_enu, axis=0) * course[1:]).sum(axis=1) > 0).all()
     confirmed = [s is TrackState.CONFIRMED for s in scout.tracks(16.0).states]
     assert sum(confirmed) >= 2
+    assert (scout.tracks(16.0).sigma_m > 0).all()
 
 
 def test_follows_plates_and_leaves_the_ground_alone(ground: Image) -> None:

@@ -7,6 +7,7 @@ vehicle's size are followed.  It is made for learning where the road is, not for
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import cv2
@@ -30,7 +31,7 @@ NARROWEST_M = 1.7  # of a footprint: the rest of a silhouette's width is lean or
 MAX_BLOBS = 400
 # What is so bright by the background's measure may be cast shadow.  It counts for little beside
 # other pixels of its blob, yet a car that is as dark all over keeps its shape.
-SHADE, SHADE_WEIGHT = (0.42, 0.95), 0.1
+SHADE, SHADE_WEIGHT = (0.5, 0.95), 0.1
 
 
 class RoadScout:
@@ -39,6 +40,7 @@ class RoadScout:
     def __init__(self) -> None:
         self._canvas: Canvas | None = None
         self._tracker = GroundTracker()
+        self._mapping: GroundMapping | None = None  # of the last picture
         self._last_s = -np.inf
 
     def update(self, luma: Image, mapping: GroundMapping, H_ref_frame: Floats, t_s: float) -> None:
@@ -55,7 +57,7 @@ class RoadScout:
         mask = self._canvas.foreground(luma, mapping, H_ref_frame)
         points = locate_blobs(mask, self._canvas, mapping)
         self._tracker.update(points, t_s)
-        self._last_s = t_s
+        self._mapping, self._last_s = mapping, t_s
 
     @property
     def trajectories(self) -> tuple[Trajectory, ...]:
@@ -64,7 +66,12 @@ class RoadScout:
 
     def tracks(self, t_s: float) -> Tracks:
         """Return the vehicles followed now, moved on to `t_s`."""
-        return self._tracker.tracks(t_s)
+        tracks = self._tracker.tracks(t_s)
+        if self._mapping is None or not len(tracks):
+            return tracks
+        spread = covariance(self._mapping, tracks.px)
+        sigma_m = np.sqrt(np.trace(spread, axis1=1, axis2=2) / 2)
+        return dataclasses.replace(tracks, sigma_m=sigma_m)
 
 
 def locate_blobs(mask: Image, canvas: Canvas, mapping: GroundMapping) -> GroundPoints:
@@ -139,13 +146,11 @@ def _ground_points(
     boxes = stats[:, None, :2] + corners * stats[:, None, 2:4]
     frame = apply_homography(H_frame_canvas, boxes.reshape(-1, 2)).reshape(-1, 4, 2)
     low, high = frame.min(axis=1), frame.max(axis=1)
-    px = (low + high) / 2
-    spread = covariance(mapping, px) if len(px) else np.zeros((0, 2, 2))
     return GroundPoints(
-        px=px,
+        px=(low + high) / 2,
         boxes_px=np.concatenate([low, high - low], axis=1),
         enu=shapes.centre - lean_m(shapes, mapping),
-        sigma_m=np.sqrt(np.trace(spread, axis1=1, axis2=2) / 2),
+        sigma_m=np.full(len(low), np.nan),  # only tracks need it
         length_m=shapes.length_m,
         width_m=shapes.width_m,
     )
