@@ -71,7 +71,7 @@ def run(
             closing.callback(sink.close)
         opened(flight.video)
         started = perf_counter()
-        frames, last_s, interrupted = _process(flight, pipeline, sinks, watch, progress)
+        frames, last_s, interrupted = process(flight, pipeline, sinks, watch, progress)
         _write_run_json(
             folder / "run.json",
             flight=flight,
@@ -100,7 +100,7 @@ def _build(
         raise InputError(f"{site_file}: {error}") from None
 
 
-def _process(
+def process(
     flight: Flight,
     pipeline: Pipeline,
     sinks: list[Sink],
