@@ -3,7 +3,7 @@ VENV := .venv
 PYTHON ?= $(firstword $(foreach p,python3.11 python3 python3.12 python3.13,$(if $(shell $(p) -c 'import sys, venv, ensurepip; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' 2>/dev/null && echo yes),$(p))))
 BIN := $(VENV)/bin
 
-.PHONY: setup setup-dev demo test check lock clean
+.PHONY: setup setup-dev demo test check benchmark benchmark-quick lock clean
 
 setup: $(VENV)/.runtime
 
@@ -29,6 +29,14 @@ test: setup-dev
 
 check: setup-dev
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
+
+# Every scenario × every variant; goes on where it stopped, and rewrites the tables of docs/benchmarks.md.
+benchmark: setup-dev
+	$(BIN)/python benchmarks/suite.py --doc docs/benchmarks.md
+
+# Four scenarios, under 10 minutes on two cores; prints its tables.
+benchmark-quick: setup-dev
+	$(BIN)/python benchmarks/suite.py --quick --no-speed --variants road paper
 
 # Refresh the pinned versions; needs uv.
 lock:

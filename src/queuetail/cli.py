@@ -45,6 +45,7 @@ def parser() -> argparse.ArgumentParser:
     _add_export(commands)
     _add_simulate(commands)
     _add_evaluate(commands)
+    _add_bench(commands)
     return top
 
 
@@ -182,6 +183,47 @@ def _evaluate(arguments: argparse.Namespace) -> int:
     result = evaluate(arguments.run, arguments.truth)
     print_table(result, Console())
     write_report(result, arguments.run / "evaluation.html")
+    if arguments.json is not None:
+        write_text(arguments.json, json.dumps(to_json(result), indent=2) + "\n")
+    return 0
+
+
+def _add_bench(commands: Commands) -> None:
+    bench = commands.add_parser("bench", help="measure the presets' speed beside decoding alone")
+    bench.add_argument(
+        "video", type=Path, nargs="?", metavar="VIDEO", help="default: the bundled flight"
+    )
+    bench.add_argument("--telemetry", type=Path, metavar="FILE", help="its flight log, as for run")
+    bench.add_argument("--site", type=Path, metavar="SITE.toml", help="the road, lens and limits")
+    bench.add_argument(
+        "--seconds",
+        type=float,
+        default=30.0,
+        metavar="S",
+        help="how much of the video (default: %(default)g)",
+    )
+    bench.add_argument(
+        "--turns",
+        type=int,
+        default=3,
+        metavar="N",
+        help="measure each method so often, in alternating order (default: %(default)s)",
+    )
+    bench.add_argument("--json", type=Path, metavar="FILE", help="write the figures there too")
+    bench.set_defaults(command=_bench)
+
+
+def _bench(arguments: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from queuetail.bench import bench, to_json
+    from queuetail.bench_table import print_tables
+    from queuetail.files import write_text
+
+    a = arguments
+    with Console(stderr=True).status("opening") as status:
+        result = bench(a.video, a.telemetry, a.site, a.seconds, a.turns, status.update)
+    print_tables(result)
     if arguments.json is not None:
         write_text(arguments.json, json.dumps(to_json(result), indent=2) + "\n")
     return 0
