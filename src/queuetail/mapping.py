@@ -23,11 +23,13 @@ from queuetail.types import (
     GroundMapping,
     Intrinsics,
     Origin,
+    PoseSigma,
     Registration,
     TelemetrySample,
     Unknown,
 )
 
+MISFIT_RANGE = (0.1, 2.0)
 SETTLE_S = 3.0  # over which the place of the reference picture is averaged
 # What a pose needs, in the words of the telemetry columns and of the site file's [telemetry] table.
 POSE_FIELDS = ("lat_deg", "lon_deg", "height_agl_m", "heading_deg", "gimbal_pitch_deg", "hfov_deg")
@@ -84,6 +86,17 @@ class RegisteredMapper:
         self._count = 0
         self._places = np.zeros((4, 2))
         self._reference: GroundMapping | None = None
+        self._correction = np.eye(3)
+        self._misfit = 1.0
+
+    def correct(self, A_true_enu: Floats | None, misfit: float) -> None:
+        """Take ENU to be moved by a 2×3 affine, and telemetry's sigmas to be scaled by `misfit`.
+
+        How far telemetry was off where that could be seen says how far it may be where it cannot.
+        """
+        if A_true_enu is not None:
+            self._correction = np.vstack([A_true_enu, [0.0, 0.0, 1.0]]) @ self._correction
+        self._misfit = float(np.clip(misfit, *MISFIT_RANGE))
 
     def mapping(
         self, telemetry: TelemetrySample, registration: Registration
@@ -103,7 +116,13 @@ class RegisteredMapper:
         if self._reference is None:
             return Unknown(("telemetry does not say where the picture is",))
         pose = self._reference.pose if isinstance(told, Unknown) else told.pose
-        frame_mapping = moved(self._reference, registration.H_ref_frame)
+        reference = dataclasses.replace(
+            self._reference,
+            H_enu_px=self._correction @ self._reference.H_enu_px,
+            H_px_enu=self._reference.H_px_enu @ np.linalg.inv(self._correction),
+            pose_sigma=scaled(self._reference.pose_sigma, self._misfit),
+        )
+        frame_mapping = moved(reference, registration.H_ref_frame)
         return dataclasses.replace(frame_mapping, pose=pose)
 
     def _learn(self, told: GroundMapping, registration: Registration) -> None:
@@ -120,6 +139,18 @@ class RegisteredMapper:
         self._reference = dataclasses.replace(
             fitted, intrinsics=told.intrinsics, pose=told.pose, pose_sigma=told.pose_sigma
         )
+
+
+def scaled(sigma: PoseSigma, factor: float) -> PoseSigma:
+    """Return the pose's sigmas times `factor`; the pixel's own stays."""
+    return PoseSigma(
+        horizontal_m=sigma.horizontal_m * factor,
+        height_m=sigma.height_m * factor,
+        yaw_deg=sigma.yaw_deg * factor,
+        pitch_deg=sigma.pitch_deg * factor,
+        roll_deg=sigma.roll_deg * factor,
+        pixel_px=sigma.pixel_px,
+    )
 
 
 def moved(reference: GroundMapping, H_ref_frame: Floats) -> GroundMapping:

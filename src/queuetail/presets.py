@@ -12,8 +12,9 @@ from queuetail.mapping import (
     control_point_mapping,
     site_approaches,
 )
-from queuetail.pipeline import Mapper, Pipeline
+from queuetail.pipeline import Pipeline
 from queuetail.registrar import FrameRegistrar, NoRegistration
+from queuetail.scouted_road import FoundRoad, SiteRoad
 from queuetail.tracking.lane_tracker import LaneTracker
 from queuetail.tracking.meanshift import MeanShiftTracker
 from queuetail.traffic.discovery import StraightRoad
@@ -58,13 +59,14 @@ def road(site: Site, origin: Origin | None, width_px: int, height_px: int, lap: 
     mapper = telemetry_or_control_points(site, origin, width_px, height_px)
     if isinstance(mapper, TelemetryMapper):
         registrar = FrameRegistrar(width_px, height_px, mapper)
-        registered: Mapper = RegisteredMapper(mapper, width_px, height_px)
+        registered: RegisteredMapper | FixedMapper = RegisteredMapper(mapper, width_px, height_px)
     else:
         registrar, registered = FrameRegistrar(width_px, height_px, None), mapper
+    approaches = site_approaches(site, origin)
     return Pipeline(
         registrar=registrar,
         mapper=registered,
-        road=KnownRoad(site_approaches(site, origin)),
+        road=SiteRoad(approaches, registered) if approaches else FoundRoad(),
         view=RoadView(),
         background=RoadBackground(),
         detector=LaneDetector(),

@@ -11,8 +11,7 @@ import math
 
 import numpy as np
 
-from queuetail.geo.earth import enu_from_geodetic
-from queuetail.types import Bools, CameraPose, Floats, GroundMapping, Intrinsics
+from queuetail.types import Bools, CameraPose, Floats, Intrinsics
 
 UNDISTORT_ITERATIONS = 20
 
@@ -148,17 +147,3 @@ def rays(px: Floats, pose: CameraPose) -> Floats:
     R = rotation_enu_camera(pose.yaw_deg, pose.pitch_deg, pose.roll_deg)
     directions = np.column_stack([xy, np.ones(len(xy))]) @ R.T
     return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
-
-
-def camera_position_enu(mapping: GroundMapping) -> Floats | None:
-    """Return where the camera is in ENU, (3,) metres above the ground plane; None where unknown.
-
-    Control points give it too, for square pixels and a centred lens: the homography's columns are
-    K [r1 r2 t], and r1 ⊥ r2 with equal lengths yields the focal length (Zhang 2000, section 3.1).
-    """
-    if mapping.pose is not None and mapping.origin is not None:
-        place = enu_from_geodetic(
-            np.array(mapping.pose.lat_deg), np.array(mapping.pose.lon_deg), mapping.origin
-        )
-        return np.array([place[0], place[1], mapping.pose.height_agl_m])
-    return None

@@ -9,7 +9,7 @@ whose.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -27,7 +27,10 @@ TYPICAL_LENGTH_M = 4.7
 LENGTH_STEP_M = 3.2  # longer than known by this much for a while: another vehicle is inside
 LONGEST_M = 19.0
 SLOT_M = 7.2  # a standing car with its gap, where nothing else tells merged cars apart
-CONFIRM_HITS, CONFIRM_S = 4, 0.3
+CONFIRM_HITS, CONFIRM_S, CONFIRM_SPEED_SIGMA_MPS = 4, 0.3, 2.5
+COLD_START_S = 2.0
+ENTRY_M = 20.0  # from the upstream end of what is seen, where vehicles may first show up
+APPARITION_S, MOVED_M = 6.0, 2.5
 COAST_S = 1.2  # without a trace in the picture
 HIDDEN_S = 20.0  # behind a tall vehicle, or under a bridge
 STANDING_MPS = 0.7
@@ -53,7 +56,8 @@ class _Vehicle:
     hits: int = 1
     seen_s: float = 0.0
     longer_s: float = 0.0
-    born_at_m: float = field(default=0.0)
+    apparition: bool = False  # came out of nothing in mid-view, and has not moved since
+    born_at_m: float = 0.0
     confirmed: bool = False
 
     @property
@@ -102,16 +106,23 @@ class LaneTracker:
     def __init__(self) -> None:
         self._vehicles: list[_Vehicle] = []
         self._next_id = 1
+        self._approaches: tuple[Approach, ...] = ()
         self._last_s: float | None = None
+        self._first_s: float | None = None
 
     def footprints(self) -> list[tuple[int, int, float, float]]:
-        """Return (approach, lane, rear, front) of every believed vehicle, for the background."""
-        return [(v.approach, v.lane, v.rear_m, v.front_m) for v in self._vehicles if v.confirmed]
+        """Return (approach, lane, rear, front) of every vehicle that the background must keep."""
+        return [(v.approach, v.lane, v.rear_m, v.front_m) for v in self._vehicles]
 
     def update(self, points: RoadPoints, scene: Scene) -> Tracks:
         """Move all vehicles to the frame's time, take in what was measured, return them all."""
+        assert isinstance(scene.raster, RoadRaster)
+        if scene.raster.approaches is not self._approaches:
+            # Another road, or another idea of where it is: stations no longer mean the same.
+            self._approaches, self._vehicles, self._first_s = scene.raster.approaches, [], None
         dt_s = 0.0 if self._last_s is None else max(scene.t_s - self._last_s, 0.0)
         self._last_s = scene.t_s
+        self._first_s = scene.t_s if self._first_s is None else self._first_s
         for vehicle in self._vehicles:
             vehicle.predict(dt_s)
         lanes = sorted({(v.approach, v.lane) for v in self._vehicles})
@@ -121,7 +132,8 @@ class LaneTracker:
             left += self._update_lane(key, measured.get(key, []), scene.t_s, dt_s)
         left = self._changed_lanes(left, scene.t_s)
         for interval in left:
-            self._start(interval, scene.t_s)
+            begin_m = points.spans.get(interval.approach, (-np.inf, np.inf))[0]
+            self._start(interval, begin_m, scene.t_s)
         self._retire(points, scene.t_s)
         return self._tracks(scene)
 
@@ -170,7 +182,12 @@ class LaneTracker:
             vehicle.seen_s = t_s
         return left
 
-    def _start(self, interval: _Interval, t_s: float) -> None:
+    def _is_apparition(self, interval: _Interval, begin_m: float, t_s: float) -> bool:
+        """Vehicles come from upstream; only the first picture shows some in mid-view."""
+        assert self._first_s is not None
+        return t_s - self._first_s > COLD_START_S and interval.rear_m > begin_m + ENTRY_M
+
+    def _start(self, interval: _Interval, begin_m: float, t_s: float) -> None:
         length = interval.front_m - interval.rear_m
         pieces = max(1, round(length / SLOT_M)) if length > LONGEST_M else 1
         for piece in range(pieces):
@@ -194,6 +211,7 @@ class LaneTracker:
                     var_speed=sigma**2,
                     length_known=not (interval.cut_rear or interval.cut_front),
                     seen_s=t_s,
+                    apparition=self._is_apparition(interval, begin_m, t_s),
                     born_at_m=rear,
                 )
             )
@@ -215,7 +233,11 @@ class LaneTracker:
         """Confirm what was seen often enough and let go of what left or was lost."""
         kept = []
         for v in self._vehicles:
-            if not v.confirmed and v.hits >= CONFIRM_HITS and t_s - v.born_s >= CONFIRM_S:
+            if v.apparition and abs(v.rear_m - v.born_at_m) > MOVED_M:
+                v.apparition = False
+            settled = v.var_speed < CONFIRM_SPEED_SIGMA_MPS**2 and v.hits >= CONFIRM_HITS
+            wait_s = APPARITION_S if v.apparition else CONFIRM_S
+            if settled and t_s - v.born_s >= wait_s:
                 v.confirmed = True
             begin_m, end_m = points.spans.get(v.approach, (-np.inf, np.inf))
             gone = v.rear_m > end_m - 1.0 or v.front_m < begin_m - 1.0
@@ -237,8 +259,7 @@ class LaneTracker:
         self._vehicles = _without_doubles(kept)
 
     def _tracks(self, scene: Scene) -> Tracks:
-        assert isinstance(scene.raster, RoadRaster)
-        approaches = scene.raster.approaches
+        approaches = self._approaches
         rows = [v for v in self._vehicles if v.approach < len(approaches)]
         n = len(rows)
         enu, course = np.empty((n, 2)), np.empty((n, 2))

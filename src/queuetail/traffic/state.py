@@ -13,11 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from queuetail.geo.ground import covariance
 from queuetail.traffic.growth import Growth
 from queuetail.traffic.queue import end_of_queue
+from queuetail.traffic.road import locate
 from queuetail.types import (
     Approach,
     Bools,
+    EndOfQueue,
     Floats,
     QueueState,
     QueueStatus,
@@ -27,12 +30,14 @@ from queuetail.types import (
     TrackState,
 )
 
-HOLD_S = 1.0  # below or above the speed before a vehicle changes its mind
+SLOW_S, FAST_S = 0.8, 1.0  # below or above the speed before a vehicle changes its mind: the
+# definition's second, less what the tracker needs to see a braking
 RELEASE_FACTOR = 1.25
 COMPANION_M = 60.0
 EDGE_M = 4.0  # nearer to the end of what is seen, a queue may go on beyond it
 CLEAR_HOLD_S = 0.4  # a queue is not over because of one bad frame
 FLOOR_SIGMA_M = 0.35
+SIGMA_EVERY_S = 1.0
 
 
 @dataclass(slots=True)
@@ -51,6 +56,7 @@ class QueueWatch:
         self._speed_mps = queue_speed_mps
         self._memories: dict[int, _Memory] = {}
         self._growth: dict[str, Growth] = {}
+        self._sigmas: dict[str, tuple[float, float]] = {}
         self._held: dict[str, tuple[float, QueueState]] = {}
 
     def update(
@@ -101,12 +107,23 @@ class QueueWatch:
         if eoq is None:
             return self._held_or_clear(approach.name, scene.t_s)
         sigma = float(np.hypot(eoq.sigma_m, FLOOR_SIGMA_M))
+        sigma = float(np.hypot(sigma, self._mapping_sigma(approach, eoq, scene)))
         eoq = dataclasses.replace(eoq, growth_mps=rate, sigma_m=sigma)
         beyond = eoq.station_m < span[0] + EDGE_M
         status = QueueStatus.BEYOND_VIEW if beyond else QueueStatus.QUEUED
         state = QueueState(approach.name, status, eoq)
         self._held[approach.name] = (scene.t_s, state)
         return state
+
+    def _mapping_sigma(self, approach: Approach, eoq: EndOfQueue, scene: Scene) -> float:
+        """Return how well the mapping knows the station of the end of the queue, in metres."""
+        known = self._sigmas.get(approach.name)
+        if known is None or scene.t_s - known[0] >= SIGMA_EVERY_S:
+            spread = covariance(scene.mapping, np.array([eoq.px]))[0]
+            course = locate(approach, np.array([eoq.enu]))[2][0]
+            along = float(np.sqrt(max(course @ spread @ course, 0.0)))
+            known = self._sigmas[approach.name] = (scene.t_s, along)
+        return known[1]
 
     def _held_or_clear(self, name: str, t_s: float) -> QueueState:
         """Hold the last queue for a moment: dissolving takes longer than one frame."""
@@ -125,7 +142,7 @@ def step(memory: _Memory, speed_mps: float, t_s: float, queue_speed_mps: float) 
         memory.since_s = None
     elif memory.since_s is None:
         memory.since_s = t_s
-    elif t_s - memory.since_s >= HOLD_S:
+    elif t_s - memory.since_s >= (FAST_S if memory.queued else SLOW_S):
         memory.queued, memory.since_s = not memory.queued, None
 
 

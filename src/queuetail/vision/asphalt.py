@@ -19,6 +19,9 @@ Picture = NDArray[np.float32]
 SETTLE_S = 0.6  # learning time while the model is young
 LEARN_S = 6.0  # and later: slow enough to average noise, fast enough for moving light
 YOUNG_S = 3.0
+CHECK_S, STILL_S, STILL_LEVELS = 0.4, 4.0, 8.0  # for what differs but is no vehicle
+GHOST_S, GHOST_EDGES = 0.7, 1.6  # how much stronger a ghost's edges are in the learnt road
+EDGE_WINDOW_M, EDGE_FLOOR = 1.6, 2.0  # grey levels
 GAIN_WINDOW_M = 9.0  # stretch of road over which brightness is compared
 GAIN_LIMITS = (0.25, 4.0)
 MIN_THRESHOLD = 9.0  # grey levels
@@ -44,6 +47,8 @@ class RoadBackground:
         `protect` marks pixels that belong to known vehicles (255): they are never learnt.
         """
         image = raster.image
+        if not raster.bands:
+            return Masks(image, image)
         if self._layout is None or self._layout.plan != raster.plan:
             self._start(raster, t_s)
         self._layout, self._bands = raster, raster.bands
@@ -66,9 +71,13 @@ class RoadBackground:
         self._lit = np.zeros(image.shape, np.float32)
         self._threshold = np.full(image.shape, MIN_THRESHOLD, np.float32)
         self._covered = np.zeros(image.shape, np.uint8)
+        self._before = image.copy()
+        self._still_s = np.zeros(image.shape, np.float32)
+        self._checked_s = t_s
         self._gain = np.ones((len(raster.bands), image.shape[1]), np.float32)
         grow = max(round(GROW_M * raster.px_per_m), 1)
         self._grow = cv2.getStructuringElement(cv2.MORPH_RECT, (2 * grow + 1, 3))
+        self._px_per_m = raster.px_per_m
         self._window = max(round(GAIN_WINDOW_M * raster.px_per_m), 1)
         for band in raster.bands:
             part = np.s_[band.rows[0] : band.rows[1], : band.columns]
@@ -78,7 +87,8 @@ class RoadBackground:
             self._road[part] = np.where(alike, picture, profile)
             self._covered[part] = np.where(alike, 0, 255)
             _accept_occluders(self._road[part], picture, alike)
-        if old is not None and old.px_per_m == raster.px_per_m:
+        same_road = old is not None and old.approaches is raster.approaches
+        if old is not None and same_road and old.px_per_m == raster.px_per_m:
             _carry_over(old_road, old.bands, self._road, raster.bands)
         self._refresh_threshold()
 
@@ -104,18 +114,49 @@ class RoadBackground:
     def _learn(self, image: Image, foreign: Image, protect: Image, t_s: float) -> None:
         dt_s, self._last_s = max(t_s - self._last_s, 0.0), t_s
         self._covered = cv2.dilate(cv2.bitwise_or(foreign, protect), self._grow)
-        free = cv2.bitwise_and(cv2.bitwise_not(self._covered), cv2.compare(image, 0, cv2.CMP_GT))
+        seen = cv2.compare(image, 0, cv2.CMP_GT)
+        free = cv2.bitwise_and(cv2.bitwise_not(self._covered), seen)
         young = t_s - self._began_s < YOUNG_S
         rate = 1.0 - float(np.exp(-dt_s / (SETTLE_S if young else LEARN_S)))
         for number, band in enumerate(self._bands):
             part = np.s_[band.rows[0] : band.rows[1], : band.columns]
             unlit = image[part] / self._gain[number, : band.columns]
-            cv2.accumulateWeighted(unlit.astype(np.float32), self._road[part], rate, free[part])
+            unlit = unlit.astype(np.float32, copy=False)
+            cv2.accumulateWeighted(unlit, self._road[part], rate, free[part])
+        if t_s - self._checked_s >= CHECK_S:
+            self._accept_still(image, cv2.bitwise_and(foreign, seen), protect, t_s)
         residual = cv2.absdiff(image.astype(np.float32), self._lit)[::4, ::4]
         calm = residual[free[::4, ::4] > 0]
         if len(calm) > 50:
             self._noise += 0.1 * (1.48 * float(np.median(calm)) - self._noise)
         self._refresh_threshold()
+
+    def _accept_still(self, image: Image, foreign: Image, protect: Image, t_s: float) -> None:
+        """Take for road what differs and stands still, if it is no vehicle or only a ghost.
+
+        Markings and stains that the first picture did not explain are learnt after a while.  A
+        ghost, the place of a vehicle that was learnt and has left, shows the edges of a vehicle in
+        the road that was learnt and none in the picture; it is learnt at once.
+        """
+        still = cv2.compare(cv2.absdiff(image, self._before), STILL_LEVELS, cv2.CMP_LT)
+        self._still_s += t_s - self._checked_s
+        self._still_s[still == 0] = 0.0
+        np.copyto(self._before, image)
+        self._checked_s = t_s
+        free = cv2.dilate(protect, self._grow) == 0
+        ghost = self._edges(image) * GHOST_EDGES < self._edges(cv2.convertScaleAbs(self._road))
+        accepted = (self._still_s >= STILL_S) & free | (self._still_s >= GHOST_S) & ghost
+        accepted &= foreign > 0
+        for number, band in enumerate(self._bands):
+            part = np.s_[band.rows[0] : band.rows[1], : band.columns]
+            unlit = image[part] / self._gain[number, : band.columns]
+            np.copyto(self._road[part], unlit, where=accepted[part])
+
+    def _edges(self, image: Image) -> Picture:
+        """Return how strong the edges are around each pixel, over a metre or two."""
+        slope = cv2.morphologyEx(image, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
+        size = max(round(EDGE_WINDOW_M * self._px_per_m), 3)
+        return cv2.blur(slope.astype(np.float32), (size, size)) + EDGE_FLOOR
 
     def _refresh_threshold(self) -> None:
         slope = cv2.morphologyEx(self._road, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))

@@ -13,7 +13,7 @@ CORE_M = 1.5  # the middle of a lane, which every vehicle in it covers
 MIN_COVER = 0.38  # of the core, for a column to belong to a vehicle
 CLOSE_M = 0.7  # holes in a vehicle (windscreens the colour of asphalt) up to this length
 JOIN_M = 0.5  # breaks in an outline
-HOLE_WIDTH_M = 2.6  # across the road: the widest hole that is filled, a lorry's body
+HOLE_WIDTH_M = 2.2  # across the road: the widest hole that is filled, a vehicle's body
 MIN_LENGTH_M = 2.0
 LEAN_HEIGHT_M = 1.1  # bonnets and boots: what every vehicle stands above its footprint
 TALL_LENGTH_M = 6.5  # longer vehicles may be tall enough to hide the next lane
@@ -140,14 +140,14 @@ def dark_ends(shine: Floats) -> tuple[float, float] | None:
 
 
 def fill_outlines(foreign: Image, px_per_m: float) -> Image:
-    """Fill what an outline encloses: the body of a vehicle the colour of asphalt."""
+    """Fill what an outline encloses: the body of a vehicle the colour of asphalt.
+
+    Columns are closed across the road, where the two sides of an outline are a vehicle apart.
+    """
     join = 2 * (max(round(JOIN_M * px_per_m), 1) // 2) + 1
-    closed = cv2.morphologyEx(foreign, cv2.MORPH_CLOSE, np.ones((join, join), np.uint8))
-    contours, tree = cv2.findContours(closed, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    for contour, links in zip(contours, tree[0] if len(contours) else (), strict=True):
-        if links[3] >= 0 and np.ptp(contour[:, 0, 1]) <= HOLE_WIDTH_M * px_per_m:
-            cv2.drawContours(closed, [contour], -1, 255, cv2.FILLED)
-    return closed
+    joined = cv2.morphologyEx(foreign, cv2.MORPH_CLOSE, np.ones((join, join), np.uint8))
+    across = 2 * (max(round(HOLE_WIDTH_M * px_per_m), 1) // 2) + 1
+    return cv2.morphologyEx(joined, cv2.MORPH_CLOSE, np.ones((across, 1), np.uint8))
 
 
 def footprints(solid: Image, lean_px: Floats) -> Image:
@@ -157,21 +157,18 @@ def footprints(solid: Image, lean_px: Floats) -> Image:
     along that direction undoes the smear.
     """
     height, width = solid.shape
-    standing = np.zeros_like(solid)
+    reach = int(np.ceil(np.abs(lean_px).max(initial=0.0) * LEAN_HEIGHT_M)) + 1
+    # Beyond the raster nothing is known: what would be seen there counts as foreground.
+    padded = cv2.copyMakeBorder(
+        solid, reach, reach, reach, reach, cv2.BORDER_CONSTANT | cv2.BORDER_ISOLATED, value=255
+    )
+    standing = solid.copy()
     bounds = np.linspace(0, width, len(lean_px) + 1).astype(int)
     for lean, first, last in zip(lean_px, bounds[:-1], bounds[1:], strict=True):
-        kept = solid[:, first:last].copy()
+        kept = standing[:, first:last]
         for share in (0.5, 1.0):
             dx, dy = (round(v) for v in lean * LEAN_HEIGHT_M * share)
-            if dx == 0 and dy == 0:
-                continue
-            # Beyond the raster nothing is known: what would be seen there counts as foreground.
-            columns = np.clip(np.arange(first, last) + dx, 0, width - 1)
-            rows = np.arange(height) + dy
-            above = solid[np.clip(rows, 0, height - 1)][:, columns]
-            above[(rows < 0) | (rows >= height)] = 255
-            kept &= above
-        standing[:, first:last] = kept
+            kept &= padded[reach + dy : reach + dy + height, reach + first + dx : reach + last + dx]
     return standing
 
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from queuetail.geo.camera import camera_position_enu
 from queuetail.geo.ground import apply_homography, enu_to_px
 from queuetail.traffic.road import place
 from queuetail.types import (
@@ -29,6 +28,7 @@ from queuetail.types import (
     RoadPoints,
     RoadRaster,
 )
+from queuetail.vision.foot import camera_above_ground
 
 MARGIN_M = 2.5  # of shoulder beside the lanes: a sample of bare road at every station
 SAGITTA_M = 0.12  # how far a straight tile may leave a curved axis
@@ -210,7 +210,7 @@ class RoadView:
             self._serial += 1
             shape = (plan.rows, plan.columns) if plan else (0, 0)
             self._image = np.zeros(shape, np.uint8)
-        camera = camera_position_enu(mapping)
+        camera = camera_above_ground(mapping)
         strips = self._plan.bands if self._plan else ()
         self._bands = tuple(_seen_band(b, mapping, frame.size, camera) for b in strips)
 
@@ -257,7 +257,7 @@ def visible_columns(
 
 
 def _seen_band(
-    strip: StripBand, mapping: GroundMapping, size: tuple[int, int], camera: Floats | None
+    strip: StripBand, mapping: GroundMapping, size: tuple[int, int], camera: tuple[Floats, float]
 ) -> Band:
     """Return how the camera sees a band of the plan at present."""
     width = strip.approach.lane_width_m
@@ -276,16 +276,15 @@ def _seen_band(
     )
 
 
-def _lean_px(strip: StripBand, camera: Floats | None) -> Floats:
+def _lean_px(strip: StripBand, camera: tuple[Floats, float]) -> Floats:
     """Return how far a point one metre up is displaced away from the camera, per block."""
-    if camera is None:
-        return np.zeros((LEAN_BLOCKS, 2))
+    foot, height_m = camera
     columns = (np.arange(LEAN_BLOCKS) + 0.5) * strip.columns / LEAN_BLOCKS
     stations = strip.station_m(columns)
     middle = np.full(LEAN_BLOCKS, -strip.approach.lanes * strip.approach.lane_width_m / 2)
     here = place(strip.approach, stations, middle)
     along = place(strip.approach, stations + 1.0, middle) - here
-    lean = (here - camera[:2]) / camera[2]
+    lean = (here - foot) / height_m
     right = np.column_stack([along[:, 1], -along[:, 0]])
     shift = np.column_stack([(lean * along).sum(axis=1), (lean * right).sum(axis=1)])
     return shift / strip.metres_per_px

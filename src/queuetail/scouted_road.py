@@ -1,0 +1,157 @@
+"""The road of the `road` preset: the site file's, aligned to the traffic, or found from it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from queuetail.mapping import FixedMapper, RegisteredMapper
+from queuetail.traffic.alignment import Alignment, align
+from queuetail.traffic.carriageways import discover
+from queuetail.traffic.road import assign, locate
+from queuetail.types import Approach, Frame, GroundMapping, Registration, RoadVehicles, Tracks
+from queuetail.vision.foot import camera_above_ground
+from queuetail.vision.scout import RoadScout
+
+TRY_EVERY_S = 1.0
+WATCH_S = 45.0  # of traffic, after which nothing new is learnt of the road
+REFINE_AFTER_S = (6.0, 20.0)  # after the road was first found
+MIN_ROTATION_DEG, MIN_SHIFT_M = 0.35, 0.8  # smaller misalignments are left alone
+MIN_AXIS_CHANGE_M = 0.5
+
+
+class SiteRoad:
+    """Approaches that are known; what telemetry says of them is aligned to the traffic seen.
+
+    Compass and GPS are off by more than a lane: the lanes that vehicles drive in show by how much.
+    """
+
+    def __init__(
+        self, approaches: tuple[Approach, ...], mapper: RegisteredMapper | FixedMapper
+    ) -> None:
+        self.approaches = approaches
+        self.alignment: Alignment | None = None
+        self._mapper = mapper
+        self._scout = RoadScout()
+        self._watching = isinstance(mapper, RegisteredMapper)
+        self._began_s: float | None = None
+        self._tried_s = 0.0
+        self._epoch = 0
+
+    def look(self, frame: Frame, mapping: GroundMapping, registration: Registration) -> None:
+        """Watch the traffic until it shows how the picture lies on the road."""
+        if self._began_s is None or registration.epoch != self._epoch:
+            self._began_s, self._epoch, self._scout = frame.t_s, registration.epoch, RoadScout()
+        if not self._watching or frame.t_s - self._began_s > WATCH_S:
+            return
+        self._scout.update(frame.luma, mapping, registration.H_ref_frame, frame.t_s)
+        if frame.t_s - self._tried_s < TRY_EVERY_S:
+            return
+        self._tried_s = frame.t_s
+        foot, _ = camera_above_ground(mapping)
+        found = align(self.approaches, self._scout.trajectories, foot)
+        if found is not None:
+            self._accept(found)
+
+    def locate(self, tracks: Tracks) -> RoadVehicles:
+        """Return the tracks on the approaches."""
+        return assign(tracks, self.approaches)
+
+    def _accept(self, found: Alignment) -> None:
+        self.alignment = found
+        self._watching = False
+        small = abs(found.rotation_deg) < MIN_ROTATION_DEG and abs(found.shift_m) < MIN_SHIFT_M
+        assert isinstance(self._mapper, RegisteredMapper)
+        misfit = max(abs(found.rotation_deg), abs(found.shift_m) / 1.5)
+        self._mapper.correct(None if small else found.A_true_enu, misfit)
+        if not small:
+            # A new tuple: the raster is laid out anew, since every place in it has moved.
+            self.approaches = tuple(dataclasses.replace(a) for a in self.approaches)
+
+
+class FoundRoad:
+    """Approaches discovered from the first vehicles, refined as more pass."""
+
+    def __init__(self) -> None:
+        self.approaches: tuple[Approach, ...] = ()
+        self._scout = RoadScout()
+        self._found_s: float | None = None
+        self._tried_s = 0.0
+        self._refinements = 0
+        self._epoch = 0
+
+    def look(self, frame: Frame, mapping: GroundMapping, registration: Registration) -> None:
+        """Watch the traffic until the road is known, and a little longer."""
+        if registration.epoch != self._epoch:
+            self._epoch, self._scout = registration.epoch, RoadScout()
+        if self._refinements >= len(REFINE_AFTER_S):
+            return
+        self._scout.update(frame.luma, mapping, registration.H_ref_frame, frame.t_s)
+        wait_s = TRY_EVERY_S
+        if self._found_s is not None:
+            wait_s = self._found_s + REFINE_AFTER_S[self._refinements] - self._tried_s
+        if frame.t_s - self._tried_s < wait_s:
+            return
+        self._tried_s = frame.t_s
+        found = discover(self._scout.trajectories)
+        if not self.approaches and found:
+            self._found_s, self.approaches = frame.t_s, found
+        elif self._found_s is not None:
+            self._refinements += 1
+            if found and _differs(self.approaches, found):
+                self.approaches = _with_old_names(found, self.approaches)
+
+    def locate(self, tracks: Tracks) -> RoadVehicles:
+        """Return the tracks on the approaches."""
+        return assign(tracks, self.approaches)
+
+
+def _differs(old: tuple[Approach, ...], new: tuple[Approach, ...]) -> bool:
+    """Tell whether a newly found road is worth starting anew for."""
+    if len(old) != len(new):
+        return True
+    for approach in new:
+        match = _nearest(approach, old)
+        if match is None or match.lanes != approach.lanes:
+            return True
+        _, offset, _ = locate(match, approach.axis_enu)
+        longer = _length_m(approach) > 1.3 * _length_m(match)
+        if longer or float(np.median(np.abs(offset))) > MIN_AXIS_CHANGE_M:
+            return True
+    return False
+
+
+def _with_old_names(new: tuple[Approach, ...], old: tuple[Approach, ...]) -> tuple[Approach, ...]:
+    """Keep an approach's name when it is found again, so that its history goes on."""
+    renamed: list[Approach] = []
+    for approach in new:
+        match = _nearest(approach, old)
+        name = match.name if match is not None else approach.name
+        taken = {a.name for a in renamed}
+        renamed.append(
+            Approach(
+                name if name not in taken else f"{approach.name} {len(renamed) + 1}",
+                approach.axis_enu,
+                approach.start_station_m,
+                approach.lanes,
+                approach.lane_width_m,
+            )
+        )
+    return tuple(renamed)
+
+
+def _nearest(approach: Approach, others: tuple[Approach, ...]) -> Approach | None:
+    """Return the approach that runs the same way within a carriageway's width, if any."""
+    best, best_m = None, 8.0
+    for other in others:
+        _, offset, course = locate(other, approach.axis_enu)
+        ahead = approach.axis_enu[-1] - approach.axis_enu[0]
+        distance_m = float(np.median(np.abs(offset)))
+        if float((course @ ahead).mean()) > 0 and distance_m < best_m:
+            best, best_m = other, distance_m
+    return best
+
+
+def _length_m(approach: Approach) -> float:
+    return float(np.linalg.norm(np.diff(approach.axis_enu, axis=0), axis=1).sum())
