@@ -9,6 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from queuetail.bench import from_json
+from queuetail.bench_table import setting, tables
+
 Record = dict[str, Any]
 ByName = dict[str, Record]
 BEGIN, END = "<!-- suite:begin -->", "<!-- suite:end -->"
@@ -35,7 +38,18 @@ def suite_text(figures: dict[str, ByName], speed: ByName) -> str:
     for variant, by_name in figures.items():
         command = f"python benchmarks/suite.py --no-speed --variants {variant}"
         parts.append(_block(command, TITLES[variant], variant_rows(by_name)))
+    parts += [part for key in speed for part in _speed_blocks(speed[key])]
     return "\n\n".join(parts)
+
+
+def _speed_blocks(record: Record) -> list[str]:
+    """Return a bench's own tables; its command stands above each."""
+    if "methods" not in record:
+        return []
+    bench = from_json({key: value for key, value in record.items() if key != "command"})
+    size = f"{bench.video.width_px}×{bench.video.height_px}"
+    shown = [_block(record["command"], f"Speed at {size}: {t}", r) for t, r in tables(bench)]
+    return [f"Measured with nothing else running: {setting(bench)}.", *shown]
 
 
 def rewrite(page: Path, text: str) -> None:

@@ -10,7 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from queuetail.bench import DECODE, Bench, Measured, jobs, measure, peak_mb, summarise, to_json
+from queuetail.bench import (
+    DECODE,
+    Bench,
+    Measured,
+    from_json,
+    jobs,
+    measure,
+    peak_mb,
+    summarise,
+    to_json,
+)
 from queuetail.bench_table import absolute_rows, ratio_rows, setting, stage_rows
 from queuetail.cli import main
 from queuetail.config import Site, read_site
@@ -62,7 +72,9 @@ def test_the_tables_show_ratios_and_where_the_time_goes(fabricated: Bench) -> No
     assert rows["road"][4] == "50 of 100"
     assert stage_rows(fabricated)[-1] == ["all", "15.00", "30.00", "150.00"]
     assert "2 turns" in setting(fabricated)
-    assert json.loads(json.dumps(to_json(fabricated)))["video"]["start_utc"].startswith("2026-06")
+    record = json.loads(json.dumps(to_json(fabricated)))
+    assert record["video"]["start_utc"].startswith("2026-06")
+    assert from_json(record) == fabricated
 
 
 def test_the_papers_full_width_is_the_videos() -> None:

@@ -21,6 +21,8 @@ from pathlib import Path
 from statistics import median
 from time import perf_counter
 
+from pydantic import TypeAdapter
+
 from queuetail.config import Site, read_site
 from queuetail.errors import InputError
 from queuetail.flight import open_flight
@@ -271,3 +273,8 @@ def to_json(result: Bench) -> dict[str, object]:
     start = result.video.start_utc
     record["video"]["start_utc"] = start.isoformat() if start else None
     return record
+
+
+def from_json(record: dict[str, object]) -> Bench:
+    """Return the bench that `to_json` gave this record of."""
+    return TypeAdapter(Bench).validate_python(record)
