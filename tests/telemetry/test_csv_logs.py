@@ -27,13 +27,13 @@ def read(tmp_path: Path, content: str | bytes, video: VideoClock | None = None) 
 
 def test_the_bundled_flight(flagger: Path) -> None:
     flight = read_telemetry(flagger / "telemetry.csv")
-    assert len(flight.samples) == 900
-    assert flight.span_s == (0.0, 89.9)
+    assert len(flight.samples) == 801
+    assert flight.span_s == (0.0, 80.0)
     assert flight.notes == ()
     first = flight.at(0)
-    assert (first.lat_deg, first.lon_deg) == (36.11018968, -97.05753594)
-    assert (first.height_agl_m, first.heading_deg, first.hfov_deg) == (110.05, 75.02, 84.0)
-    assert first.gimbal_pitch_deg == -55.0
+    assert (first.lat_deg, first.lon_deg) == (36.11000042, -97.05766392)
+    assert (first.height_agl_m, first.heading_deg, first.hfov_deg) == (110.067, 74.946, 84.0)
+    assert first.gimbal_pitch_deg == -55.047
 
 
 @pytest.mark.parametrize(
