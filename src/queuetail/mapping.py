@@ -44,13 +44,17 @@ class TelemetryMapper:
         self._size = (width_px, height_px)
         self._camera = camera
         self._origin = origin
+        self._last: tuple[TelemetrySample, GroundMapping | Unknown] | None = None
 
     def mapping(
         self, telemetry: TelemetrySample, registration: Registration
     ) -> GroundMapping | Unknown:
         """Return the exact pinhole mapping, or what is missing for it."""
-        pose = camera_pose(telemetry, *self._size, self._camera)
-        return pose if isinstance(pose, Unknown) else mapping_from_pose(pose, self._origin)
+        if self._last is None or self._last[0] is not telemetry:
+            pose = camera_pose(telemetry, *self._size, self._camera)
+            known = pose if isinstance(pose, Unknown) else mapping_from_pose(pose, self._origin)
+            self._last = (telemetry, known)
+        return self._last[1]
 
 
 class FixedMapper:

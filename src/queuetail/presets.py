@@ -29,6 +29,8 @@ from queuetail.vision.lanes import LaneDetector
 from queuetail.vision.strip import RoadView
 from queuetail.vision.view import WholeFrame
 
+ROAD_INTERVAL_S = 1 / 15  # a vehicle at 30 m/s moves 2 m meanwhile, less than its length
+
 Lap = Callable[[str], None]
 Build = Callable[[Site, Origin | None, int, int, Lap], Pipeline]
 
@@ -73,6 +75,7 @@ def road(site: Site, origin: Origin | None, width_px: int, height_px: int, lap: 
         tracker=LaneTracker(),
         queue=QueueWatch(site.queue_speed_mps),
         lap=lap,
+        interval_s=ROAD_INTERVAL_S,
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import platform
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -27,6 +28,8 @@ from queuetail.sinks.standard import standard_sinks
 from queuetail.stopwatch import Stopwatch
 from queuetail.types import Approach, Observation, Origin
 from queuetail.video import VideoInfo
+
+CLOCK_SLACK_S = 0.002  # container clocks round to a millisecond
 
 Opened = Callable[[VideoInfo], None]
 Progress = Callable[[Observation], None]
@@ -108,15 +111,19 @@ def process(
     progress: Progress,
 ) -> tuple[int, float, bool]:
     """Drive every frame through the pipeline into the sinks; True at the end after Ctrl-C."""
-    frames, last_s = 0, 0.0
+    frames, last_s, done_s = 0, 0.0, -math.inf
     try:
         for frame in flight.frames():
             watch.lap("decode")
+            last_s = frame.t_s
+            if frame.t_s - done_s < pipeline.interval_s - CLOCK_SLACK_S:
+                continue
+            done_s = frame.t_s
             observation = pipeline.step(frame, flight.telemetry_at(frame.t_s))
             for sink in sinks:
                 sink.write(frame, observation)
             watch.lap("sinks")
-            frames, last_s = frames + 1, frame.t_s
+            frames += 1
             progress(observation)
     except KeyboardInterrupt:
         return frames, last_s, True

@@ -20,8 +20,9 @@ SETTLE_S = 0.6  # learning time while the model is young
 LEARN_S = 6.0  # and later: slow enough to average noise, fast enough for moving light
 YOUNG_S = 3.0
 CHECK_S, STILL_S, STILL_LEVELS = 0.4, 4.0, 8.0  # for what differs but is no vehicle
-GHOST_S, GHOST_EDGES = 0.7, 1.6  # how much stronger a ghost's edges are in the learnt road
-EDGE_WINDOW_M, EDGE_FLOOR = 1.6, 2.0  # grey levels
+GHOST_S, GHOST_EDGES = 1.1, 1.8  # how much stronger a ghost's edges are in the learnt road
+VEHICLE_EDGES = 11.0  # grey levels of slope that a learnt vehicle has, and asphalt has not
+EDGE_WINDOW_M, EDGE_FLOOR = 1.6, 2.0
 GAIN_WINDOW_M = 9.0  # stretch of road over which brightness is compared
 GAIN_LIMITS = (0.25, 4.0)
 MIN_THRESHOLD = 9.0  # grey levels
@@ -125,8 +126,8 @@ class RoadBackground:
             cv2.accumulateWeighted(unlit, self._road[part], rate, free[part])
         if t_s - self._checked_s >= CHECK_S:
             self._accept_still(image, cv2.bitwise_and(foreign, seen), protect, t_s)
-        residual = cv2.absdiff(image.astype(np.float32), self._lit)[::4, ::4]
-        calm = residual[free[::4, ::4] > 0]
+        residual = cv2.absdiff(image.astype(np.float32), self._lit)[::6, ::6]
+        calm = residual[free[::6, ::6] > 0]
         if len(calm) > 50:
             self._noise += 0.1 * (1.48 * float(np.median(calm)) - self._noise)
         self._refresh_threshold()
@@ -144,13 +145,24 @@ class RoadBackground:
         np.copyto(self._before, image)
         self._checked_s = t_s
         free = cv2.dilate(protect, self._grow) == 0
-        ghost = self._edges(image) * GHOST_EDGES < self._edges(cv2.convertScaleAbs(self._road))
+        learnt_edges = self._edges(cv2.convertScaleAbs(self._road))
+        ghost = (learnt_edges > VEHICLE_EDGES) & (learnt_edges > GHOST_EDGES * self._edges(image))
+        ghost &= cv2.absdiff(image.astype(np.float32), self._plain()) < PRIOR_TOLERANCE
         accepted = (self._still_s >= STILL_S) & free | (self._still_s >= GHOST_S) & ghost
         accepted &= foreign > 0
         for number, band in enumerate(self._bands):
             part = np.s_[band.rows[0] : band.rows[1], : band.columns]
             unlit = image[part] / self._gain[number, : band.columns]
             np.copyto(self._road[part], unlit, where=accepted[part])
+
+    def _plain(self) -> Picture:
+        """Return the road as its rows' most common brightness says, in the present light."""
+        plain = np.zeros_like(self._road)
+        for number, band in enumerate(self._bands):
+            part = np.s_[band.rows[0] : band.rows[1], : band.columns]
+            modes = _row_modes(self._road[part][:, ::3])[:, None]
+            np.multiply(modes, self._gain[number, : band.columns], out=plain[part])
+        return plain
 
     def _edges(self, image: Image) -> Picture:
         """Return how strong the edges are around each pixel, over a metre or two."""

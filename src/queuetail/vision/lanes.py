@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
+from statistics import median
 
 import cv2
 import numpy as np
@@ -110,6 +112,7 @@ class CastShadows:
             False: deque(maxlen=MEMORY),
             True: deque(maxlen=MEMORY),
         }
+        self._typical = {False: (0.0, 0.0), True: (0.0, 0.0)}
 
     def without(
         self,
@@ -120,15 +123,22 @@ class CastShadows:
     ) -> tuple[float, float]:
         """Return rear and front columns without shadow; `dark` is the dark length at each end."""
         rear, front = ends
-        known = self._ends_m[front - rear >= TALL_LENGTH_M * px_per_m]
+        tall = front - rear >= TALL_LENGTH_M * px_per_m
+        known = self._ends_m[tall]
         if dark is not None and max(dark) < MAX_SHADOW_M * px_per_m and not any(cut):
             known.append((dark[0] / px_per_m, dark[1] / px_per_m))
+            self._typical[tall] = _median_ends(known)
         if len(known) < 3:
             return ends
-        behind, ahead = (np.median(np.array(known), axis=0) * px_per_m).tolist()
+        behind, ahead = (length_m * px_per_m for length_m in self._typical[tall])
         if front - rear - behind - ahead < MIN_LENGTH_M * px_per_m:
             return ends
         return rear + (0.0 if cut[0] else behind), front - (0.0 if cut[1] else ahead)
+
+
+def _median_ends(ends_m: Iterable[tuple[float, float]]) -> tuple[float, float]:
+    behind, ahead = zip(*ends_m, strict=True)
+    return median(behind), median(ahead)
 
 
 def dark_ends(shine: Floats) -> tuple[float, float] | None:
