@@ -28,6 +28,7 @@ GAIN_LIMITS = (0.25, 4.0)
 MIN_THRESHOLD = 9.0  # grey levels
 NOISE_SIGMAS = 4.5
 EDGE_TOLERANCE = 0.45  # share of the local gradient: half a pixel of misregistration
+STAIN_TOLERANCE = 40.0  # grey levels from a row's road that a stain or patch may have
 PRIOR_TOLERANCE = 20.0  # grey levels from a row's road that the first picture may differ
 GROW_M = 1.2  # vehicles are kept out of learning with this margin
 
@@ -147,8 +148,10 @@ class RoadBackground:
         free = cv2.dilate(protect, self._grow) == 0
         learnt_edges = self._edges(cv2.convertScaleAbs(self._road))
         ghost = (learnt_edges > VEHICLE_EDGES) & (learnt_edges > GHOST_EDGES * self._edges(image))
-        ghost &= cv2.absdiff(image.astype(np.float32), self._plain()) < PRIOR_TOLERANCE
-        accepted = (self._still_s >= STILL_S) & free | (self._still_s >= GHOST_S) & ghost
+        unlike = cv2.absdiff(image.astype(np.float32), self._plain())
+        ghost &= unlike < PRIOR_TOLERANCE
+        stain = free & (unlike < STAIN_TOLERANCE)
+        accepted = (self._still_s >= STILL_S) & stain | (self._still_s >= GHOST_S) & ghost
         accepted &= foreign > 0
         for number, band in enumerate(self._bands):
             part = np.s_[band.rows[0] : band.rows[1], : band.columns]

@@ -41,6 +41,7 @@ MAX_ROAD_M = 1200.0
 RECHECK_S = 0.25  # how often it is looked at what the picture shows
 REPLAN_M = 12.0  # of road that came into or left the picture before it is laid out anew
 LEAN_BLOCKS = 12  # along a band: the lean changes slowly
+CAR_HEIGHT_M, TRUCK_HEIGHT_M, TRUCK_LENGTH_M = 1.6, 4.0, 6.5
 EDGE_PX = 3.0  # the outermost pixels of a picture are left out
 
 
@@ -147,13 +148,17 @@ class RoadView:
             for approach, lane, rear_m, front_m in footprints:
                 if approach != strip.approach_index or lane > len(band.lane_rows):
                     continue
-                middle = strip.first_row + band.lane_rows[lane - 1]
-                rows = slice(max(int(middle - half), 0), int(middle + half) + 1)
-                columns = slice(
-                    max(int((rear_m - strip.start_station_m) / strip.metres_per_px), 0),
-                    max(int((front_m - strip.start_station_m) / strip.metres_per_px) + 1, 0),
-                )
-                mask[rows, columns] = 255
+                middle = band.lane_rows[lane - 1]
+                first = (rear_m - strip.start_station_m) / strip.metres_per_px
+                last = (front_m - strip.start_station_m) / strip.metres_per_px
+                block = int(np.clip(first / strip.columns, 0, 0.999) * len(band.lean_px))
+                height_m = CAR_HEIGHT_M if front_m - rear_m < TRUCK_LENGTH_M else TRUCK_HEIGHT_M
+                across, up = band.lean_px[block] * height_m
+                top = max(int(middle - half + min(up, 0)), 0)
+                bottom = min(int(middle + half + max(up, 0)) + 1, strip.rows)
+                left, right = int(first + min(across, 0)), int(last + max(across, 0)) + 1
+                rows = slice(strip.first_row + top, strip.first_row + max(bottom, top))
+                mask[rows, max(left, 0) : max(right, 0)] = 255
         return mask
 
     def locate(
