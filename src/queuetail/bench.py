@@ -23,7 +23,7 @@ from time import perf_counter
 
 from pydantic import TypeAdapter
 
-from queuetail.config import Site, read_site
+from queuetail.config import PaperSettings, Site, read_site
 from queuetail.errors import InputError
 from queuetail.flight import open_flight
 from queuetail.presets import PRESETS
@@ -37,6 +37,7 @@ from queuetail.video import VideoFile, VideoInfo
 DECODE = "decode only"
 BUNDLED = Path(__file__).resolve().parents[2] / "examples" / "flagger"
 MEGABYTE = 1_000_000
+LARGEST_BLUR_PX, LARGEST_DILATION_PX = 31, 9  # the ends of the paper's sliders
 
 Told = Callable[[str], None]
 
@@ -148,7 +149,7 @@ def jobs(
 ) -> dict[str, Job]:
     """Return what is measured, by the name it has in the tables."""
     paper = site.paper
-    full = site.model_copy(update={"paper": paper.model_copy(update={"width_px": width_px})})
+    full = site.model_copy(update={"paper": at_width(paper, width_px)})
     chosen: dict[str, tuple[Site, str | None]] = {
         DECODE: (site, None),
         "road": (site, "road"),
@@ -156,6 +157,23 @@ def jobs(
         f"paper at {width_px} px": (full, "paper"),
     }
     return {name: Job(video, telemetry, *what, until_s) for name, what in chosen.items()}
+
+
+def at_width(paper: PaperSettings, width_px: int) -> PaperSettings:
+    """Return the paper's settings for a picture of another width.
+
+    Its sliders count pixels, so they grow with the picture: with the small picture's sliders the
+    large one would hold many more and smaller blobs, and would be slower than the method is.
+    """
+    scale = width_px / paper.width_px
+    return paper.model_copy(
+        update={
+            "width_px": width_px,
+            "blur_px": min(2 * max(round((paper.blur_px * scale - 1) / 2), 1) + 1, LARGEST_BLUR_PX),
+            "dilate_px": min(max(round(paper.dilate_px * scale), 3), LARGEST_DILATION_PX),
+            "min_blob_px2": paper.min_blob_px2 * scale**2,
+        }
+    )
 
 
 def in_a_process(job: Job) -> Measured:

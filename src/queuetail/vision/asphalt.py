@@ -28,6 +28,7 @@ GAIN_LIMITS = (0.25, 4.0)
 MIN_THRESHOLD = 9.0  # grey levels
 NOISE_SIGMAS = 4.5
 EDGE_TOLERANCE = 0.45  # share of the local gradient: half a pixel of misregistration
+PLAIN_TOLERANCE = 12.0  # grey levels from a row's road at which a pixel is road for certain
 STAIN_TOLERANCE = 40.0  # grey levels from a row's road that a stain or patch may have
 PRIOR_TOLERANCE = 20.0  # grey levels from a row's road that the first picture may differ
 GROW_M = 1.2  # vehicles are kept out of learning with this margin
@@ -149,7 +150,7 @@ class RoadBackground:
         learnt_edges = self._edges(cv2.convertScaleAbs(self._road))
         ghost = (learnt_edges > VEHICLE_EDGES) & (learnt_edges > GHOST_EDGES * self._edges(image))
         unlike = cv2.absdiff(image.astype(np.float32), self._plain())
-        ghost &= unlike < PRIOR_TOLERANCE
+        ghost = (ghost & (unlike < PRIOR_TOLERANCE)) | (unlike < PLAIN_TOLERANCE)
         stain = free & (unlike < STAIN_TOLERANCE)
         accepted = (self._still_s >= STILL_S) & stain | (self._still_s >= GHOST_S) & ghost
         accepted &= foreign > 0
