@@ -14,6 +14,7 @@ from queuetail.bench import (
     DECODE,
     Bench,
     Measured,
+    at_width,
     from_json,
     jobs,
     measure,
@@ -23,7 +24,7 @@ from queuetail.bench import (
 )
 from queuetail.bench_table import absolute_rows, ratio_rows, setting, stage_rows
 from queuetail.cli import main
-from queuetail.config import Site, read_site
+from queuetail.config import PaperSettings, Site, parse_settings, read_site
 from queuetail.video import VideoInfo
 from short_flight import cut_flight
 
@@ -85,6 +86,24 @@ def test_the_papers_full_width_is_the_videos() -> None:
         ("paper at 720 px", "paper", 720),
         ("paper at 1920 px", "paper", 1920),
     ]
+
+
+@pytest.mark.parametrize(
+    ("width_px", "blur_px", "dilate_px", "min_blob_px2"),
+    [
+        (720, 5, 5, 40.0),
+        (1440, 9, 9, 160.0),
+        (3840, 27, 9, 40 * (3840 / 720) ** 2),
+        (320, 3, 3, 7.9),
+    ],
+)
+def test_the_papers_sliders_grow_with_the_picture(
+    width_px: int, blur_px: int, dilate_px: int, min_blob_px2: float
+) -> None:
+    scaled = at_width(PaperSettings(), width_px)
+    assert (scaled.width_px, scaled.blur_px, scaled.dilate_px) == (width_px, blur_px, dilate_px)
+    assert scaled.min_blob_px2 == pytest.approx(min_blob_px2, abs=0.01)
+    assert parse_settings(PaperSettings, scaled.model_dump(), "scaled") == scaled
 
 
 def test_every_method_is_measured_on_the_same_frames(flagger: Path, tmp_path: Path) -> None:
