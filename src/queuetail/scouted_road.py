@@ -14,6 +14,7 @@ from queuetail.types import Approach, Frame, GroundMapping, Registration, RoadVe
 from queuetail.vision.foot import camera_above_ground
 from queuetail.vision.scout import RoadScout
 
+SURE_DEG, SURE_M, SURE_VEHICLES = 0.2, 0.35, 6
 TRY_EVERY_S = 1.0
 WATCH_S = 45.0  # of traffic, after which nothing new is learnt of the road
 REFINE_AFTER_S = (6.0, 20.0)  # after the road was first found
@@ -51,7 +52,7 @@ class SiteRoad:
         self._tried_s = frame.t_s
         foot, _ = camera_above_ground(mapping)
         found = align(self.approaches, self._scout.trajectories, foot)
-        if found is not None:
+        if found is not None and _is_sure(found):
             self._accept(found)
 
     def locate(self, tracks: Tracks) -> RoadVehicles:
@@ -68,6 +69,12 @@ class SiteRoad:
         if not small:
             # A new tuple: the raster is laid out anew, since every place in it has moved.
             self.approaches = tuple(dataclasses.replace(a) for a in self.approaches)
+
+
+def _is_sure(found: Alignment) -> bool:
+    """Tell whether enough vehicles were seen to move the road for them, or to leave it."""
+    sure = found.rotation_sigma_deg < SURE_DEG and found.shift_sigma_m < SURE_M
+    return sure and found.vehicles >= SURE_VEHICLES
 
 
 class FoundRoad:

@@ -188,6 +188,7 @@ class Masks:
 
     foreign: Image
     bright: Image
+    contrast: NDArray[np.float32]  # how far from road, in grey levels
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,6 +202,7 @@ class LaneDetections:
     row: Floats  # (n,) of its middle
     cut_rear: Bools  # (n,) it reaches out of the picture upstream
     cut_front: Bools  # (n,)
+    contrast: Floats  # (n,) mean difference from road, in grey levels
 
     def __len__(self) -> int:
         return len(self.band)
@@ -217,6 +219,7 @@ class RoadPoints:
     offset_m: Floats  # (n,)
     cut_rear: Bools  # (n,)
     cut_front: Bools  # (n,)
+    contrast: Floats  # (n,) grey levels
     spans: dict[int, tuple[float, float]]
     boxes_px: Floats  # (n, 4) in input-video pixels
 

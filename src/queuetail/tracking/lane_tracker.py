@@ -33,8 +33,9 @@ ENTRY_M = 20.0  # from the upstream end of what is seen, where vehicles may firs
 APPARITION_S, MOVED_M = 6.0, 2.5
 COAST_S = 1.2  # without a trace in the picture
 HIDDEN_S = 20.0  # behind a tall vehicle, or under a bridge
-STANDING_MPS = 0.7
-LENGTH_RATE, OFFSET_RATE = 0.15, 0.08
+STANDING_MPS, DRIVING_MPS = 0.7, 4.0
+LENGTH_RATE, OFFSET_RATE, CONTRAST_RATE = 0.15, 0.08, 0.2
+STAIN_LEVELS, MIN_STANDING_M = 20.0, 2.8
 
 
 @dataclass(slots=True)
@@ -57,6 +58,9 @@ class _Vehicle:
     seen_s: float = 0.0
     longer_s: float = 0.0
     apparition: bool = False  # came out of nothing in mid-view, and has not moved since
+    mark: bool = False  # stands where others have driven through: a stain, until it moves
+    moved: bool = False
+    contrast: float = 0.0  # of its interval, in grey levels
     born_at_m: float = 0.0
     confirmed: bool = False
 
@@ -98,6 +102,7 @@ class _Interval:
     offset_m: float
     cut_rear: bool
     cut_front: bool
+    contrast: float = 0.0
 
 
 class LaneTracker:
@@ -106,13 +111,14 @@ class LaneTracker:
     def __init__(self) -> None:
         self._vehicles: list[_Vehicle] = []
         self._next_id = 1
+        self._driven: list[_Interval] = []  # where standing things turned out to be no vehicles
         self._approaches: tuple[Approach, ...] = ()
         self._last_s: float | None = None
         self._first_s: float | None = None
 
     def footprints(self) -> list[tuple[int, int, float, float]]:
         """Return (approach, lane, rear, front) of every vehicle that the background must keep."""
-        return [(v.approach, v.lane, v.rear_m, v.front_m) for v in self._vehicles]
+        return [(v.approach, v.lane, v.rear_m, v.front_m) for v in self._vehicles if not v.mark]
 
     def update(self, points: RoadPoints, scene: Scene) -> Tracks:
         """Move all vehicles to the frame's time, take in what was measured, return them all."""
@@ -120,6 +126,7 @@ class LaneTracker:
         if scene.raster.approaches is not self._approaches:
             # Another road, or another idea of where it is: stations no longer mean the same.
             self._approaches, self._vehicles, self._first_s = scene.raster.approaches, [], None
+            self._driven = []
         dt_s = 0.0 if self._last_s is None else max(scene.t_s - self._last_s, 0.0)
         self._last_s = scene.t_s
         self._first_s = scene.t_s if self._first_s is None else self._first_s
@@ -134,6 +141,7 @@ class LaneTracker:
         for interval in left:
             begin_m = points.spans.get(interval.approach, (-np.inf, np.inf))[0]
             self._start(interval, begin_m, scene.t_s)
+        self._unmask()
         self._retire(points, scene.t_s)
         return self._tracks(scene)
 
@@ -155,6 +163,7 @@ class LaneTracker:
             else:
                 _correct_many(inside, interval)
             for vehicle in inside:
+                vehicle.contrast += CONTRAST_RATE * (interval.contrast - vehicle.contrast)
                 vehicle.hits += 1
                 vehicle.seen_s = t_s
         return unclaimed
@@ -212,7 +221,9 @@ class LaneTracker:
                     length_known=not (interval.cut_rear or interval.cut_front),
                     seen_s=t_s,
                     apparition=self._is_apparition(interval, begin_m, t_s),
+                    mark=any(_same_place(interval, place) for place in self._driven),
                     born_at_m=rear,
+                    contrast=interval.contrast,
                 )
             )
             self._next_id += 1
@@ -229,15 +240,41 @@ class LaneTracker:
         nearest = min(near, key=lambda v: abs(v.rear_m - rear_m) + 20 * (v.lane != interval.lane))
         return nearest.speed_mps, 8.0
 
+    def _unmask(self) -> None:
+        """Unmask standing things that another vehicle drives through: they are no vehicles."""
+        driving = [v for v in self._vehicles if v.confirmed and v.speed_mps > DRIVING_MPS]
+        for thing in self._vehicles:
+            if thing.moved or thing.mark or abs(thing.speed_mps) > STANDING_MPS:
+                continue
+            place = _Interval(
+                thing.approach,
+                thing.lane,
+                thing.rear_m,
+                thing.front_m,
+                thing.offset_m,
+                False,
+                False,
+            )
+            if any(
+                v.moved
+                and (v.approach, v.lane) == (thing.approach, thing.lane)
+                and _shared(v, place) > 0.8
+                for v in driving
+            ):
+                thing.mark, thing.confirmed = True, False
+                self._driven.append(place)
+
     def _retire(self, points: RoadPoints, t_s: float) -> None:
         """Confirm what was seen often enough and let go of what left or was lost."""
         kept = []
         for v in self._vehicles:
-            if v.apparition and abs(v.rear_m - v.born_at_m) > MOVED_M:
-                v.apparition = False
+            if abs(v.rear_m - v.born_at_m) > MOVED_M:
+                v.moved, v.apparition, v.mark = True, False, False
             settled = v.var_speed < CONFIRM_SPEED_SIGMA_MPS**2 and v.hits >= CONFIRM_HITS
             wait_s = APPARITION_S if v.apparition else CONFIRM_S
-            if settled and t_s - v.born_s >= wait_s:
+            # What has never moved must look like a vehicle: stains are flat, and small.
+            settled &= v.moved or (v.contrast >= STAIN_LEVELS and v.length_m >= MIN_STANDING_M)
+            if settled and t_s - v.born_s >= wait_s and not v.mark:
                 v.confirmed = True
             begin_m, end_m = points.spans.get(v.approach, (-np.inf, np.inf))
             gone = v.rear_m > end_m - 1.0 or v.front_m < begin_m - 1.0
@@ -357,6 +394,7 @@ def _remainder(interval: _Interval, vehicle: _Vehicle, by_rear: bool) -> _Interv
         interval.offset_m,
         interval.cut_rear and not by_rear,
         interval.cut_front and by_rear,
+        interval.contrast,
     )
 
 
@@ -384,6 +422,7 @@ def _by_lane(points: RoadPoints) -> dict[tuple[int, int], list[_Interval]]:
         points.offset_m.tolist(),
         points.cut_rear.tolist(),
         points.cut_front.tolist(),
+        points.contrast.tolist(),
         strict=True,
     )
     for row in rows:
@@ -393,6 +432,15 @@ def _by_lane(points: RoadPoints) -> dict[tuple[int, int], list[_Interval]]:
 
 def _overlap_m(vehicle: _Vehicle, interval: _Interval) -> float:
     return min(vehicle.front_m, interval.front_m) - max(vehicle.rear_m, interval.rear_m)
+
+
+def _same_place(interval: _Interval, place: _Interval) -> bool:
+    """Tell whether an interval lies, but for a metre, where another one did."""
+    return (
+        (interval.approach, interval.lane) == (place.approach, place.lane)
+        and interval.rear_m > place.rear_m - 1.0
+        and interval.front_m < place.front_m + 1.0
+    )
 
 
 def _shared(vehicle: _Vehicle, interval: _Interval) -> float:

@@ -51,17 +51,18 @@ class RoadBackground:
         """
         image = raster.image
         if not raster.bands:
-            return Masks(image, image)
+            return Masks(image, image, image.astype(np.float32))
         if self._layout is None or self._layout.plan != raster.plan:
             self._start(raster, t_s)
         self._layout, self._bands = raster, raster.bands
         self._light(image, protect)
         difference = cv2.subtract(image, self._lit, dtype=cv2.CV_32F)
-        foreign = cv2.compare(cv2.absdiff(difference, 0.0), self._threshold, cv2.CMP_GT)
+        contrast = cv2.absdiff(difference, 0.0)
+        foreign = cv2.compare(contrast, self._threshold, cv2.CMP_GT)
         foreign &= cv2.compare(image, 0, cv2.CMP_GT)
         bright = cv2.compare(difference, self._threshold, cv2.CMP_GT)
         self._learn(image, foreign, protect, t_s)
-        return Masks(foreign, bright)
+        return Masks(foreign, bright, contrast)
 
     def _start(self, raster: RoadRaster, t_s: float) -> None:
         """Believe the first picture where it looks like its row's road, and the row elsewhere.

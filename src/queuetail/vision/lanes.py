@@ -24,8 +24,8 @@ BRIGHT_COVER = 0.3  # of the core brighter than road, for a column that is surel
 BRIGHT_SHARE = 0.3  # of a vehicle's columns, for it to show where its cast shadow ends
 MEMORY = 40  # vehicles over which the cast shadow's length is taken
 MAX_SHADOW_M = 6.0
-# Of each interval: band, lane, rear and front column, row, cut at the rear, cut at the front.
-Interval = tuple[int, int, float, float, float, bool, bool]
+# Of each interval: band, lane, rear and front column, row, cut at the rear and front, contrast.
+Interval = tuple[int, int, float, float, float, bool, bool, float]
 
 
 class LaneDetector:
@@ -41,8 +41,9 @@ class LaneDetector:
             part = np.s_[band.rows[0] : band.rows[1], : band.columns]
             filled = fill_outlines(masks.foreign[part], raster.px_per_m)
             standing = footprints(filled, band.lean_px)
-            found += self._band(number, band, standing, masks.bright[part], raster.px_per_m)
-        columns = list(zip(*found, strict=True)) if found else [()] * 7
+            here = Masks(standing, masks.bright[part], masks.contrast[part])
+            found += self._band(number, band, here, raster.px_per_m)
+        columns = list(zip(*found, strict=True)) if found else [()] * 8
         return LaneDetections(
             band=np.array(columns[0], np.int64),
             lane=np.array(columns[1], np.int64),
@@ -51,11 +52,10 @@ class LaneDetector:
             row=np.array(columns[4], float),
             cut_rear=np.array(columns[5], np.bool_),
             cut_front=np.array(columns[6], np.bool_),
+            contrast=np.array(columns[7], float),
         )
 
-    def _band(
-        self, number: int, band: Band, standing: Image, bright: Image, px_per_m: float
-    ) -> list[Interval]:
+    def _band(self, number: int, band: Band, masks: Masks, px_per_m: float) -> list[Interval]:
         """Search one band's lanes, the nearest to the camera first."""
         lanes = range(1, len(band.lane_rows) + 1)
         away_is_left = float(np.median(band.lean_px[:, 1])) < 0
@@ -65,21 +65,22 @@ class LaneDetector:
             line = band.lane_rows[lane - 1] + band.lane_width_px / 2 * (1 if away_is_left else -1)
             kept = [
                 i
-                for i in self._lane(number, band, lane, standing, bright, px_per_m)
-                if not any(_is_side_of(t, i, standing, line, px_per_m) for t in tall)
+                for i in self._lane(number, band, lane, masks, px_per_m)
+                if not any(_is_side_of(t, i, masks.foreign, line, px_per_m) for t in tall)
             ]
             found += kept
             tall = [i for i in kept if i[3] - i[2] >= TALL_LENGTH_M * px_per_m]
         return found
 
     def _lane(
-        self, number: int, band: Band, lane: int, standing: Image, bright: Image, px_per_m: float
+        self, number: int, band: Band, lane: int, masks: Masks, px_per_m: float
     ) -> list[Interval]:
+        standing = masks.foreign
         middle = band.lane_rows[lane - 1]
         half = max(CORE_M / 2 * px_per_m, 1.0)
         core = np.s_[max(round(middle - half), 0) : round(middle + half) + 1]
         cover = cv2.reduce(standing[core], 0, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[0] / 255
-        shine = cv2.reduce(bright[core], 0, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[0] / 255
+        shine = cv2.reduce(masks.bright[core], 0, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[0] / 255
         begin, end = band.visible_columns
         on = (cover >= MIN_COVER).astype(np.uint8)[None]
         on[:, :begin] = 0
@@ -95,7 +96,8 @@ class LaneDetector:
             ends = _crossing(cover, first, -1), _crossing(cover, last, +1)
             ends = self._shadows.without(ends, dark_ends(shine[first:last]), cut, px_per_m)
             row = _middle_row(standing, band, middle, first, last)
-            found.append((number, lane, *ends, row, *cut))
+            contrast = float(masks.contrast[core, first:last].mean())
+            found.append((number, lane, *ends, row, *cut, contrast))
         return found
 
 

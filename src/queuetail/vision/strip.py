@@ -175,7 +175,7 @@ class RoadView:
             empty = np.empty(0)
             return RoadPoints(
                 detections.band, detections.lane, empty, empty, empty,
-                detections.cut_rear, detections.cut_front, raster.spans, np.empty((0, 4)),
+                detections.cut_rear, detections.cut_front, empty, raster.spans, np.empty((0, 4)),
             )  # fmt: skip
         rear = start[band] + detections.rear_column * scale
         front = start[band] + detections.front_column * scale
@@ -188,6 +188,7 @@ class RoadView:
             offset_m=offset,
             cut_rear=detections.cut_rear,
             cut_front=detections.cut_front,
+            contrast=detections.contrast,
             spans=raster.spans,
             boxes_px=_boxes_px(raster.approaches, index[band], rear, front, offset, mapping),
         )
