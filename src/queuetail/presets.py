@@ -26,7 +26,7 @@ from queuetail.vision.asphalt import RoadBackground
 from queuetail.vision.background import MODELS, PaperBackground
 from queuetail.vision.blobs import SimpleBlobs
 from queuetail.vision.lanes import LaneDetector
-from queuetail.vision.strip import RoadView
+from queuetail.vision.road_view import RoadView
 from queuetail.vision.view import WholeFrame
 
 ROAD_INTERVAL_S = 1 / 15  # a vehicle at 30 m/s moves 2 m meanwhile, less than its length

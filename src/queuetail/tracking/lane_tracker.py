@@ -1,30 +1,31 @@
 """Vehicles followed along their lanes, in road metres, by one Kalman filter each.
 
-The state is the rear bumper's station and the speed (constant velocity, white acceleration:
-Bar-Shalom, Li & Kirubarajan 2001, section 6.2); length and offset are averaged beside it.  In a
-lane nobody overtakes, so where vehicles merge into one interval their order tells which end is
+In a lane nobody overtakes, so where vehicles merge into one interval their order tells which end is
 whose.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import pairwise
-
 import numpy as np
 
 from queuetail.geo.ground import enu_to_px
+from queuetail.tracking.lane_vehicle import (
+    FIRST_SPEED_SIGMA_MPS,
+    STANDING_MPS,
+    Interval,
+    LaneVehicle,
+    correct_many,
+    correct_one,
+    overlap_m,
+    overlaps,
+    same_place,
+    shared,
+    without_doubles,
+)
 from queuetail.traffic.road import place
 from queuetail.types import Approach, Floats, RoadPoints, RoadRaster, Scene, Tracks, TrackState
 
-ACCELERATION_MPS2 = 2.5  # one sigma of what drivers do
-END_SIGMA_M = 0.35  # of a measured rear or front
-MERGED_SIGMA_M = 1.0  # of an end that is shared with another vehicle
-FIRST_SPEED_SIGMA_MPS = 15.0
-GATE_M, GATE_SIGMAS = 2.5, 3.5
 TYPICAL_LENGTH_M = 4.7
-LENGTH_STEP_M = 3.2  # longer than known by this much for a while: another vehicle is inside
 LONGEST_M = 19.0
 SLOT_M = 7.2  # a standing car with its gap, where nothing else tells merged cars apart
 CONFIRM_HITS, CONFIRM_S, CONFIRM_SPEED_SIGMA_MPS = 4, 0.3, 2.5
@@ -33,85 +34,18 @@ ENTRY_M = 20.0  # from the upstream end of what is seen, where vehicles may firs
 APPARITION_S, MOVED_M = 6.0, 2.5
 COAST_S = 1.2  # without a trace in the picture
 HIDDEN_S = 20.0  # behind a tall vehicle, or under a bridge
-STANDING_MPS, DRIVING_MPS = 0.7, 4.0
-LENGTH_RATE, OFFSET_RATE, CONTRAST_RATE = 0.15, 0.08, 0.2
+DRIVING_MPS = 4.0
+CONTRAST_RATE = 0.2
 STAIN_LEVELS, MIN_STANDING_M = 20.0, 2.8
-
-
-@dataclass(slots=True)
-class _Vehicle:
-    """One followed vehicle; stations in metres, covariance of (station, speed)."""
-
-    track_id: int
-    approach: int
-    lane: int
-    rear_m: float
-    speed_mps: float
-    length_m: float
-    offset_m: float
-    born_s: float
-    var_station: float = END_SIGMA_M**2
-    covar: float = 0.0
-    var_speed: float = FIRST_SPEED_SIGMA_MPS**2
-    length_known: bool = False
-    hits: int = 1
-    seen_s: float = 0.0
-    longer_s: float = 0.0
-    apparition: bool = False  # came out of nothing in mid-view, and has not moved since
-    mark: bool = False  # stands where others have driven through: a stain, until it moves
-    moved: bool = False
-    contrast: float = 0.0  # of its interval, in grey levels
-    born_at_m: float = 0.0
-    confirmed: bool = False
-
-    @property
-    def front_m(self) -> float:
-        return self.rear_m + self.length_m
-
-    def predict(self, dt_s: float) -> None:
-        self.rear_m += self.speed_mps * dt_s
-        q = ACCELERATION_MPS2**2 * dt_s
-        self.var_station += dt_s * (2 * self.covar + dt_s * self.var_speed) + q * dt_s**2 / 3
-        self.covar += dt_s * self.var_speed + q * dt_s / 2
-        self.var_speed += q
-        if self.speed_mps < STANDING_MPS:
-            self.speed_mps = max(self.speed_mps, -STANDING_MPS)
-
-    def correct(self, rear_m: float, sigma_m: float) -> None:
-        innovation = rear_m - self.rear_m
-        total = self.var_station + sigma_m**2
-        gain, speed_gain = self.var_station / total, self.covar / total
-        self.rear_m += gain * innovation
-        self.speed_mps += speed_gain * innovation
-        self.var_speed -= speed_gain * self.covar
-        self.covar *= 1 - gain
-        self.var_station *= 1 - gain
-
-    def gate_m(self) -> float:
-        return GATE_M + GATE_SIGMAS * float(np.sqrt(self.var_station))
-
-
-@dataclass(frozen=True, slots=True)
-class _Interval:
-    """One measured interval of a lane."""
-
-    approach: int
-    lane: int
-    rear_m: float
-    front_m: float
-    offset_m: float
-    cut_rear: bool
-    cut_front: bool
-    contrast: float = 0.0
 
 
 class LaneTracker:
     """Follows the vehicles of all lanes; see the module's docstring."""
 
     def __init__(self) -> None:
-        self._vehicles: list[_Vehicle] = []
+        self._vehicles: list[LaneVehicle] = []
         self._next_id = 1
-        self._driven: list[_Interval] = []  # where standing things turned out to be no vehicles
+        self._driven: list[Interval] = []  # where standing things turned out to be no vehicles
         self._approaches: tuple[Approach, ...] = ()
         self._last_s: float | None = None
         self._first_s: float | None = None
@@ -134,7 +68,7 @@ class LaneTracker:
             vehicle.predict(dt_s)
         lanes = sorted({(v.approach, v.lane) for v in self._vehicles})
         measured = _by_lane(points)
-        left: list[_Interval] = []
+        left: list[Interval] = []
         for key in sorted(set(lanes) | set(measured)):
             left += self._update_lane(key, measured.get(key, []), scene.t_s, dt_s)
         left = self._changed_lanes(left, scene.t_s)
@@ -146,29 +80,29 @@ class LaneTracker:
         return self._tracks(scene)
 
     def _update_lane(
-        self, key: tuple[int, int], intervals: list[_Interval], t_s: float, dt_s: float
-    ) -> list[_Interval]:
+        self, key: tuple[int, int], intervals: list[Interval], t_s: float, dt_s: float
+    ) -> list[Interval]:
         """Correct one lane's vehicles; return the intervals that nobody claims."""
         vehicles = sorted(
             (v for v in self._vehicles if (v.approach, v.lane) == key), key=lambda v: v.rear_m
         )
         unclaimed = []
         for interval in intervals:
-            inside = [v for v in vehicles if _overlaps(v, interval)]
+            inside = [v for v in vehicles if overlaps(v, interval)]
             if not inside:
                 unclaimed.append(interval)
                 continue
             if len(inside) == 1:
-                unclaimed += _correct_one(inside[0], interval, dt_s)
+                unclaimed += correct_one(inside[0], interval, dt_s)
             else:
-                _correct_many(inside, interval)
+                correct_many(inside, interval)
             for vehicle in inside:
                 vehicle.contrast += CONTRAST_RATE * (interval.contrast - vehicle.contrast)
                 vehicle.hits += 1
                 vehicle.seen_s = t_s
         return unclaimed
 
-    def _changed_lanes(self, intervals: list[_Interval], t_s: float) -> list[_Interval]:
+    def _changed_lanes(self, intervals: list[Interval], t_s: float) -> list[Interval]:
         """Let vehicles that lost their interval take one beside them; return what is left."""
         left = []
         for interval in intervals:
@@ -178,7 +112,7 @@ class LaneTracker:
                 if v.approach == interval.approach
                 and abs(v.lane - interval.lane) == 1
                 and v.seen_s < t_s
-                and _overlap_m(v, interval)
+                and overlap_m(v, interval)
                 > 0.6 * min(v.length_m, interval.front_m - interval.rear_m)
             ]
             if not beside:
@@ -186,17 +120,17 @@ class LaneTracker:
                 continue
             vehicle = max(beside, key=lambda v: v.hits)
             vehicle.lane = interval.lane
-            _correct_one(vehicle, interval, 0.0)
+            correct_one(vehicle, interval, 0.0)
             vehicle.hits += 1
             vehicle.seen_s = t_s
         return left
 
-    def _is_apparition(self, interval: _Interval, begin_m: float, t_s: float) -> bool:
+    def _is_apparition(self, interval: Interval, begin_m: float, t_s: float) -> bool:
         """Vehicles come from upstream; only the first picture shows some in mid-view."""
         assert self._first_s is not None
         return t_s - self._first_s > COLD_START_S and interval.rear_m > begin_m + ENTRY_M
 
-    def _start(self, interval: _Interval, begin_m: float, t_s: float) -> None:
+    def _start(self, interval: Interval, begin_m: float, t_s: float) -> None:
         length = interval.front_m - interval.rear_m
         pieces = max(1, round(length / SLOT_M)) if length > LONGEST_M else 1
         for piece in range(pieces):
@@ -208,7 +142,7 @@ class LaneTracker:
                 rear = interval.front_m - own
             speed, sigma = self._speed_around(interval, rear)
             self._vehicles.append(
-                _Vehicle(
+                LaneVehicle(
                     self._next_id,
                     interval.approach,
                     interval.lane,
@@ -221,14 +155,14 @@ class LaneTracker:
                     length_known=not (interval.cut_rear or interval.cut_front),
                     seen_s=t_s,
                     apparition=self._is_apparition(interval, begin_m, t_s),
-                    mark=any(_same_place(interval, place) for place in self._driven),
+                    mark=any(same_place(interval, place) for place in self._driven),
                     born_at_m=rear,
                     contrast=interval.contrast,
                 )
             )
             self._next_id += 1
 
-    def _speed_around(self, interval: _Interval, rear_m: float) -> tuple[float, float]:
+    def _speed_around(self, interval: Interval, rear_m: float) -> tuple[float, float]:
         """Guess a newcomer's speed from the nearest believed vehicle of its lane."""
         near = [
             v
@@ -246,7 +180,7 @@ class LaneTracker:
         for thing in self._vehicles:
             if thing.moved or thing.mark or abs(thing.speed_mps) > STANDING_MPS:
                 continue
-            place = _Interval(
+            place = Interval(
                 thing.approach,
                 thing.lane,
                 thing.rear_m,
@@ -258,7 +192,7 @@ class LaneTracker:
             if any(
                 v.moved
                 and (v.approach, v.lane) == (thing.approach, thing.lane)
-                and _shared(v, place) > 0.8
+                and shared(v, place) > 0.8
                 for v in driving
             ):
                 thing.mark, thing.confirmed = True, False
@@ -293,7 +227,7 @@ class LaneTracker:
                 limit_s = HIDDEN_S
             if not gone and unseen_s <= limit_s:
                 kept.append(v)
-        self._vehicles = _without_doubles(kept)
+        self._vehicles = without_doubles(kept)
 
     def _tracks(self, scene: Scene) -> Tracks:
         approaches = self._approaches
@@ -325,7 +259,7 @@ class LaneTracker:
         )
 
 
-def _state(vehicle: _Vehicle, t_s: float) -> TrackState:
+def _state(vehicle: LaneVehicle, t_s: float) -> TrackState:
     if not vehicle.confirmed:
         return TrackState.TENTATIVE
     return TrackState.CONFIRMED if vehicle.seen_s == t_s else TrackState.COASTING
@@ -347,73 +281,8 @@ def _on_ground(
     return points[0], course, corners
 
 
-def _correct_one(vehicle: _Vehicle, interval: _Interval, dt_s: float) -> list[_Interval]:
-    """Correct a vehicle that has an interval to itself; return what else must be inside it."""
-    length = interval.front_m - interval.rear_m
-    rear_gap = abs(interval.rear_m - vehicle.rear_m)
-    front_gap = abs(interval.front_m - vehicle.front_m)
-    whole = not (interval.cut_rear or interval.cut_front)
-    vehicle.offset_m += OFFSET_RATE * (interval.offset_m - vehicle.offset_m)
-    longer = length - vehicle.length_m
-    if vehicle.length_known and longer > LENGTH_STEP_M:
-        vehicle.longer_s += dt_s
-        by_rear = rear_gap <= front_gap
-        rear = interval.rear_m if by_rear else interval.front_m - vehicle.length_m
-        if min(rear_gap, front_gap) < vehicle.gate_m():
-            vehicle.correct(rear, MERGED_SIGMA_M)
-        if vehicle.longer_s < 0.5:
-            return []
-        vehicle.longer_s = 0.0
-        return [_remainder(interval, vehicle, by_rear)]
-    vehicle.longer_s = 0.0
-    if whole:
-        if not vehicle.length_known:
-            vehicle.length_m, vehicle.length_known = length, True
-        vehicle.length_m += LENGTH_RATE * (length - vehicle.length_m)
-        vehicle.correct(interval.rear_m, END_SIGMA_M)
-    elif interval.cut_rear:
-        vehicle.length_m = max(vehicle.length_m, length)
-        vehicle.correct(interval.front_m - vehicle.length_m, END_SIGMA_M)
-    else:
-        vehicle.correct(interval.rear_m, END_SIGMA_M)
-        vehicle.length_m = max(vehicle.length_m, length)
-    return []
-
-
-def _remainder(interval: _Interval, vehicle: _Vehicle, by_rear: bool) -> _Interval:
-    """Return the part of an interval that its one vehicle does not explain."""
-    if by_rear:
-        rear, front = interval.rear_m + vehicle.length_m + 1.0, interval.front_m
-    else:
-        rear, front = interval.rear_m, interval.front_m - vehicle.length_m - 1.0
-    return _Interval(
-        interval.approach,
-        interval.lane,
-        rear,
-        max(front, rear + 2.0),
-        interval.offset_m,
-        interval.cut_rear and not by_rear,
-        interval.cut_front and by_rear,
-        interval.contrast,
-    )
-
-
-def _correct_many(vehicles: Sequence[_Vehicle], interval: _Interval) -> None:
-    """Give the rear of a merged interval to its last vehicle and the front to its first."""
-    last, first = vehicles[0], vehicles[-1]
-    if not interval.cut_rear and abs(interval.rear_m - last.rear_m) < last.gate_m():
-        last.correct(interval.rear_m, END_SIGMA_M)
-    if not interval.cut_front and abs(interval.front_m - first.front_m) < first.gate_m():
-        first.correct(interval.front_m - first.length_m, MERGED_SIGMA_M)
-    for behind, ahead in pairwise(vehicles):
-        # Nobody drives into the one ahead: a filter that says so has missed a braking.
-        overlap = behind.front_m + 0.5 - ahead.rear_m
-        if overlap > 0:
-            behind.correct(behind.rear_m - overlap, MERGED_SIGMA_M)
-
-
-def _by_lane(points: RoadPoints) -> dict[tuple[int, int], list[_Interval]]:
-    lanes: dict[tuple[int, int], list[_Interval]] = {}
+def _by_lane(points: RoadPoints) -> dict[tuple[int, int], list[Interval]]:
+    lanes: dict[tuple[int, int], list[Interval]] = {}
     rows = zip(
         points.approach.tolist(),
         points.lane.tolist(),
@@ -426,46 +295,5 @@ def _by_lane(points: RoadPoints) -> dict[tuple[int, int], list[_Interval]]:
         strict=True,
     )
     for row in rows:
-        lanes.setdefault((row[0], row[1]), []).append(_Interval(*row))
+        lanes.setdefault((row[0], row[1]), []).append(Interval(*row))
     return lanes
-
-
-def _overlap_m(vehicle: _Vehicle, interval: _Interval) -> float:
-    return min(vehicle.front_m, interval.front_m) - max(vehicle.rear_m, interval.rear_m)
-
-
-def _same_place(interval: _Interval, place: _Interval) -> bool:
-    """Tell whether an interval lies, but for a metre, where another one did."""
-    return (
-        (interval.approach, interval.lane) == (place.approach, place.lane)
-        and interval.rear_m > place.rear_m - 1.0
-        and interval.front_m < place.front_m + 1.0
-    )
-
-
-def _shared(vehicle: _Vehicle, interval: _Interval) -> float:
-    """Return the overlap as a share of the shorter of the two."""
-    shorter = min(vehicle.length_m, interval.front_m - interval.rear_m)
-    return _overlap_m(vehicle, interval) / max(shorter, 0.1)
-
-
-def _overlaps(vehicle: _Vehicle, interval: _Interval) -> bool:
-    """Tell whether a vehicle may be what the interval shows."""
-    if _shared(vehicle, interval) >= 0.4:
-        return True
-    return not vehicle.confirmed and -_overlap_m(vehicle, interval) < min(vehicle.gate_m(), 6.0)
-
-
-def _without_doubles(vehicles: list[_Vehicle]) -> list[_Vehicle]:
-    """Of two vehicles of a lane at one place keep the one seen more often."""
-    kept: list[_Vehicle] = []
-    for v in sorted(vehicles, key=lambda v: -v.hits):
-        if not any(
-            k.approach == v.approach
-            and k.lane == v.lane
-            and min(k.front_m, v.front_m) - max(k.rear_m, v.rear_m)
-            > 0.5 * min(k.length_m, v.length_m)
-            for k in kept
-        ):
-            kept.append(v)
-    return kept

@@ -1,4 +1,4 @@
-"""The road view: every approach rectified into a band of a small metric raster.
+"""The layout of the road view: every approach gets a band of one small metric raster.
 
 A band's columns run along the station and its rows across the road, from left to right.  Curved
 roads are cut into straight tiles, so that each tile is one perspective warp and only the road's own
@@ -13,35 +13,19 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from queuetail.geo.ground import apply_homography, enu_to_px
+from queuetail.geo.ground import enu_to_px
 from queuetail.traffic.road import place
-from queuetail.types import (
-    Approach,
-    Band,
-    Bools,
-    Floats,
-    Frame,
-    GroundMapping,
-    Image,
-    Ints,
-    LaneDetections,
-    RoadPoints,
-    RoadRaster,
-)
-from queuetail.vision.foot import camera_above_ground
+from queuetail.types import Approach, Bools, Floats, GroundMapping, Ints
 
 MARGIN_M = 2.5  # of shoulder beside the lanes: a sample of bare road at every station
 SAGITTA_M = 0.12  # how far a straight tile may leave a curved axis
-MIN_TILE_M, MAX_TILE_M = 8.0, 4000.0
+MIN_TILE_M = 8.0
 GRID_M = 2.0  # spacing of the points at which the view is tested
 FINEST_M, COARSEST_M = 0.12, 0.4
 MIN_ALONG_PX_PER_M = 1.4  # a car of 4.5 m is then 6 pixels long
 MIN_ACROSS_PX_PER_M = 1.8
 MAX_ROAD_M = 1200.0
-RECHECK_S = 0.25  # how often it is looked at what the picture shows
 REPLAN_M = 12.0  # of road that came into or left the picture before it is laid out anew
-LEAN_BLOCKS = 12  # along a band: the lean changes slowly
-CAR_HEIGHT_M, TRUCK_HEIGHT_M, TRUCK_LENGTH_M = 1.6, 4.0, 6.5
 EDGE_PX = 3.0  # the outermost pixels of a picture are left out
 
 
@@ -109,143 +93,6 @@ def plan_strip(
     return StripPlan(tuple(bands), row, max(b.columns for b in bands), resolution)
 
 
-class RoadView:
-    """Renders the approaches of a frame, and places what is found there on the road."""
-
-    def __init__(self) -> None:
-        self._plan: StripPlan | None = None
-        self._serial = 0
-        self._approaches: tuple[Approach, ...] = ()
-        self._image = np.zeros((0, 0), np.uint8)
-        self._bands: tuple[Band, ...] = ()
-        self._checked_s = -np.inf
-
-    def render(
-        self, frame: Frame, mapping: GroundMapping, approaches: tuple[Approach, ...]
-    ) -> RoadRaster:
-        """Return the raster of this frame; its image is overwritten by the next call."""
-        if approaches is not self._approaches or frame.t_s - self._checked_s >= RECHECK_S:
-            self._lay_out(frame, mapping, approaches)
-        if self._plan is None:
-            return RoadRaster(self._image, 1.0, (), self._serial, approaches)
-        for band in self._plan.bands:
-            for tile in band.tiles:
-                self._render_tile(frame.luma, mapping, band, tile)
-        return RoadRaster(
-            image=self._image,
-            px_per_m=1.0 / self._plan.metres_per_px,
-            bands=self._bands,
-            plan=self._serial,
-            approaches=approaches,
-            spans=self._spans(),
-        )
-
-    def cover(self, footprints: Sequence[tuple[int, int, float, float]]) -> Image:
-        """Mask the raster (255) where (approach, lane, rear, front) says vehicles are."""
-        mask = np.zeros_like(self._image)
-        for strip, band in zip(self._plan.bands if self._plan else (), self._bands, strict=True):
-            half = strip.approach.lane_width_m / 2 / strip.metres_per_px
-            for approach, lane, rear_m, front_m in footprints:
-                if approach != strip.approach_index or lane > len(band.lane_rows):
-                    continue
-                middle = band.lane_rows[lane - 1]
-                first = (rear_m - strip.start_station_m) / strip.metres_per_px
-                last = (front_m - strip.start_station_m) / strip.metres_per_px
-                block = int(np.clip(first / strip.columns, 0, 0.999) * len(band.lean_px))
-                height_m = CAR_HEIGHT_M if front_m - rear_m < TRUCK_LENGTH_M else TRUCK_HEIGHT_M
-                across, up = band.lean_px[block] * height_m
-                top = max(int(middle - half + min(up, 0)), 0)
-                bottom = min(int(middle + half + max(up, 0)) + 1, strip.rows)
-                left, right = int(first + min(across, 0)), int(last + max(across, 0)) + 1
-                rows = slice(strip.first_row + top, strip.first_row + max(bottom, top))
-                mask[rows, max(left, 0) : max(right, 0)] = 255
-        return mask
-
-    def locate(
-        self, detections: LaneDetections, raster: RoadRaster, mapping: GroundMapping
-    ) -> RoadPoints:
-        """Turn columns and rows into stations and offsets."""
-        strips = self._plan.bands if self._plan else ()
-        index = np.array([b.approach_index for b in strips], np.int64)
-        start = np.array([b.start_station_m for b in strips])
-        left = np.array([b.left_offset_m for b in strips])
-        scale = 1.0 / raster.px_per_m
-        band = detections.band
-        if not len(band):
-            empty = np.empty(0)
-            return RoadPoints(
-                detections.band, detections.lane, empty, empty, empty,
-                detections.cut_rear, detections.cut_front, empty, raster.spans, np.empty((0, 4)),
-            )  # fmt: skip
-        rear = start[band] + detections.rear_column * scale
-        front = start[band] + detections.front_column * scale
-        offset = left[band] - detections.row * scale
-        return RoadPoints(
-            approach=index[band],
-            lane=detections.lane,
-            rear_m=rear,
-            front_m=front,
-            offset_m=offset,
-            cut_rear=detections.cut_rear,
-            cut_front=detections.cut_front,
-            contrast=detections.contrast,
-            spans=raster.spans,
-            boxes_px=_boxes_px(raster.approaches, index[band], rear, front, offset, mapping),
-        )
-
-    def _spans(self) -> dict[int, tuple[float, float]]:
-        assert self._plan is not None
-        spans = {}
-        for strip, band in zip(self._plan.bands, self._bands, strict=True):
-            first, last = band.visible_columns
-            if last > first:
-                ends = strip.station_m(np.array([first, last]))
-                spans[strip.approach_index] = (float(ends[0]), float(ends[1]))
-        return spans
-
-    def _lay_out(
-        self, frame: Frame, mapping: GroundMapping, approaches: tuple[Approach, ...]
-    ) -> None:
-        """Refresh what is visible, and plan anew where the picture now shows other road."""
-        self._checked_s = frame.t_s
-        known = approaches is self._approaches
-        resolution = self._plan.metres_per_px if known and self._plan else None
-        plan = plan_strip(approaches, mapping, frame.size, resolution)
-        if not known or not _covers(self._plan, plan):
-            self._plan, self._approaches = plan, approaches
-            self._serial += 1
-            shape = (plan.rows, plan.columns) if plan else (0, 0)
-            self._image = np.zeros(shape, np.uint8)
-        camera = camera_above_ground(mapping)
-        strips = self._plan.bands if self._plan else ()
-        self._bands = tuple(_seen_band(b, mapping, frame.size, camera) for b in strips)
-
-    def _render_tile(
-        self, luma: Image, mapping: GroundMapping, band: StripBand, tile: Tile
-    ) -> None:
-        H_px_raster = mapping.H_px_enu @ tile.H_enu_raster
-        rows = slice(band.first_row, band.first_row + band.rows)
-        columns = slice(tile.first_column, tile.first_column + tile.columns)
-        corner = np.array([[1, 0, columns.start], [0, 1, rows.start], [0, 0, 1.0]])
-        H_px_tile = H_px_raster @ corner
-        left, top, right, bottom = _source_window(H_px_tile, tile.columns, band.rows, luma.shape)
-        if right - left < 2 or bottom - top < 2:
-            self._image[rows, columns] = 0
-            return
-        source = luma[top:bottom, left:right]
-        shrink = _shrink(H_px_tile, tile.columns, band.rows)
-        if shrink > 1:
-            # Averaging first keeps fine texture of a large picture from turning into noise.
-            height, width = (max(n // shrink, 1) for n in source.shape)
-            source = source[: height * shrink, : width * shrink]
-            source = cv2.resize(source, (width, height), interpolation=cv2.INTER_AREA)
-        to_window = np.array([[1 / shrink, 0, -left / shrink], [0, 1 / shrink, -top / shrink]])
-        M = _centred(np.vstack([to_window, [0, 0, 1]]) @ H_px_tile)
-        self._image[rows, columns] = cv2.warpPerspective(
-            source, M, (tile.columns, band.rows), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        )
-
-
 def visible_columns(
     band: StripBand, mapping: GroundMapping, size: tuple[int, int]
 ) -> tuple[int, int]:
@@ -262,41 +109,7 @@ def visible_columns(
     return int(stations[seen[0]]), int(min(stations[seen[-1]], band.columns))
 
 
-def _seen_band(
-    strip: StripBand, mapping: GroundMapping, size: tuple[int, int], camera: tuple[Floats, float]
-) -> Band:
-    """Return how the camera sees a band of the plan at present."""
-    width = strip.approach.lane_width_m
-    return Band(
-        approach_index=strip.approach_index,
-        rows=(strip.first_row, strip.first_row + strip.rows),
-        columns=strip.columns,
-        first_column=round(strip.start_station_m / strip.metres_per_px),
-        visible_columns=visible_columns(strip, mapping, size),
-        lane_rows=tuple(
-            (strip.left_offset_m + (lane + 0.5) * width) / strip.metres_per_px
-            for lane in range(strip.approach.lanes)
-        ),
-        lane_width_px=width / strip.metres_per_px,
-        lean_px=_lean_px(strip, camera),
-    )
-
-
-def _lean_px(strip: StripBand, camera: tuple[Floats, float]) -> Floats:
-    """Return how far a point one metre up is displaced away from the camera, per block."""
-    foot, height_m = camera
-    columns = (np.arange(LEAN_BLOCKS) + 0.5) * strip.columns / LEAN_BLOCKS
-    stations = strip.station_m(columns)
-    middle = np.full(LEAN_BLOCKS, -strip.approach.lanes * strip.approach.lane_width_m / 2)
-    here = place(strip.approach, stations, middle)
-    along = place(strip.approach, stations + 1.0, middle) - here
-    lean = (here - foot) / height_m
-    right = np.column_stack([along[:, 1], -along[:, 0]])
-    shift = np.column_stack([(lean * along).sum(axis=1), (lean * right).sum(axis=1)])
-    return shift / strip.metres_per_px
-
-
-def _covers(old: StripPlan | None, new: StripPlan | None) -> bool:
+def covers(old: StripPlan | None, new: StripPlan | None) -> bool:
     """Tell whether an old plan still serves: it shows nearly all that a new one would."""
     if old is None or new is None:
         return old is new
@@ -307,27 +120,6 @@ def _covers(old: StripPlan | None, new: StripPlan | None) -> bool:
         if abs(a.start_station_m - b.start_station_m) > REPLAN_M or abs(a_end - b_end) > REPLAN_M:
             return False
     return True
-
-
-def _boxes_px(
-    approaches: tuple[Approach, ...],
-    index: Ints,
-    rear: Floats,
-    front: Floats,
-    offset: Floats,
-    mapping: GroundMapping,
-) -> Floats:
-    """Return boxes (x, y, width, height) around the ground that detections cover, in pixels."""
-    boxes = np.empty((len(index), 4))
-    for number in np.unique(index).tolist():
-        at = np.flatnonzero(index == number)
-        stations = np.concatenate([rear[at], front[at], front[at], rear[at]])
-        sides = np.repeat([1.0, 1.0, -1.0, -1.0], len(at))
-        enu = place(approaches[number], stations, np.tile(offset[at], 4) + sides)
-        px = enu_to_px(mapping, enu).reshape(4, -1, 2)
-        low = px.min(axis=0)
-        boxes[at] = np.concatenate([low, px.max(axis=0) - low], axis=1)
-    return boxes
 
 
 def _visible_span(
@@ -427,37 +219,3 @@ def _tile(
     )
     H = cv2.getPerspectiveTransform(raster.astype(np.float32), enu.astype(np.float32))
     return Tile(first, last - first, np.asarray(H, float))
-
-
-def _source_window(
-    H_px_tile: Floats, columns: int, rows: int, shape: tuple[int, ...]
-) -> tuple[int, int, int, int]:
-    """Return the pixels (left, top, right, bottom) of the frame that a tile needs."""
-    corners = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], float)
-    px = apply_homography(H_px_tile, corners)
-    if not np.isfinite(px).all():
-        return 0, 0, shape[1], shape[0]
-    low, high = np.floor(px.min(axis=0)) - 2, np.ceil(px.max(axis=0)) + 2
-    return (
-        int(np.clip(low[0], 0, shape[1])),
-        int(np.clip(low[1], 0, shape[0])),
-        int(np.clip(high[0], 0, shape[1])),
-        int(np.clip(high[1], 0, shape[0])),
-    )
-
-
-def _shrink(H_px_tile: Floats, columns: int, rows: int) -> int:
-    """Return how many frame pixels one raster pixel covers each way, at least 1."""
-    middle = np.array([[columns / 2, rows / 2]])
-    centre = apply_homography(H_px_tile, middle)
-    along = np.linalg.norm(apply_homography(H_px_tile, middle + np.array([1.0, 0.0])) - centre)
-    across = np.linalg.norm(apply_homography(H_px_tile, middle + np.array([0.0, 1.0])) - centre)
-    scale = min(along, across)
-    return max(int(scale), 1) if np.isfinite(scale) else 1
-
-
-def _centred(H: Floats) -> Floats:
-    """Convert a homography between pixel corners to one between pixel centres, as OpenCV counts."""
-    to_corner = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1.0]])
-    to_centre = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]])
-    return to_centre @ H @ to_corner

@@ -1,0 +1,195 @@
+"""One vehicle in its lane: a Kalman filter of its rear bumper, and how intervals correct it.
+
+The state is the rear bumper's station and the speed (constant velocity, white acceleration:
+Bar-Shalom, Li & Kirubarajan 2001, section 6.2); length and offset are averaged beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+ACCELERATION_MPS2 = 2.5  # one sigma of what drivers do
+END_SIGMA_M = 0.35  # of a measured rear or front
+MERGED_SIGMA_M = 1.0  # of an end that is shared with another vehicle
+FIRST_SPEED_SIGMA_MPS = 15.0
+GATE_M, GATE_SIGMAS = 2.5, 3.5
+LENGTH_STEP_M = 3.2  # longer than known by this much for a while: another vehicle is inside
+STANDING_MPS = 0.7
+LENGTH_RATE, OFFSET_RATE = 0.15, 0.08
+
+
+@dataclass(slots=True)
+class LaneVehicle:
+    """One followed vehicle; stations in metres, covariance of (station, speed)."""
+
+    track_id: int
+    approach: int
+    lane: int
+    rear_m: float
+    speed_mps: float
+    length_m: float
+    offset_m: float
+    born_s: float
+    var_station: float = END_SIGMA_M**2
+    covar: float = 0.0
+    var_speed: float = FIRST_SPEED_SIGMA_MPS**2
+    length_known: bool = False
+    hits: int = 1
+    seen_s: float = 0.0
+    longer_s: float = 0.0
+    apparition: bool = False  # came out of nothing in mid-view, and has not moved since
+    mark: bool = False  # stands where others have driven through: a stain, until it moves
+    moved: bool = False
+    contrast: float = 0.0  # of its interval, in grey levels
+    born_at_m: float = 0.0
+    confirmed: bool = False
+
+    @property
+    def front_m(self) -> float:
+        return self.rear_m + self.length_m
+
+    def predict(self, dt_s: float) -> None:
+        self.rear_m += self.speed_mps * dt_s
+        q = ACCELERATION_MPS2**2 * dt_s
+        self.var_station += dt_s * (2 * self.covar + dt_s * self.var_speed) + q * dt_s**2 / 3
+        self.covar += dt_s * self.var_speed + q * dt_s / 2
+        self.var_speed += q
+        if self.speed_mps < STANDING_MPS:
+            self.speed_mps = max(self.speed_mps, -STANDING_MPS)
+
+    def correct(self, rear_m: float, sigma_m: float) -> None:
+        innovation = rear_m - self.rear_m
+        total = self.var_station + sigma_m**2
+        gain, speed_gain = self.var_station / total, self.covar / total
+        self.rear_m += gain * innovation
+        self.speed_mps += speed_gain * innovation
+        self.var_speed -= speed_gain * self.covar
+        self.covar *= 1 - gain
+        self.var_station *= 1 - gain
+
+    def gate_m(self) -> float:
+        return GATE_M + GATE_SIGMAS * float(np.sqrt(self.var_station))
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """One measured interval of a lane."""
+
+    approach: int
+    lane: int
+    rear_m: float
+    front_m: float
+    offset_m: float
+    cut_rear: bool
+    cut_front: bool
+    contrast: float = 0.0
+
+
+def correct_one(vehicle: LaneVehicle, interval: Interval, dt_s: float) -> list[Interval]:
+    """Correct a vehicle that has an interval to itself; return what else must be inside it."""
+    length = interval.front_m - interval.rear_m
+    rear_gap = abs(interval.rear_m - vehicle.rear_m)
+    front_gap = abs(interval.front_m - vehicle.front_m)
+    whole = not (interval.cut_rear or interval.cut_front)
+    vehicle.offset_m += OFFSET_RATE * (interval.offset_m - vehicle.offset_m)
+    longer = length - vehicle.length_m
+    if vehicle.length_known and longer > LENGTH_STEP_M:
+        vehicle.longer_s += dt_s
+        by_rear = rear_gap <= front_gap
+        rear = interval.rear_m if by_rear else interval.front_m - vehicle.length_m
+        if min(rear_gap, front_gap) < vehicle.gate_m():
+            vehicle.correct(rear, MERGED_SIGMA_M)
+        if vehicle.longer_s < 0.5:
+            return []
+        vehicle.longer_s = 0.0
+        return [_remainder(interval, vehicle, by_rear)]
+    vehicle.longer_s = 0.0
+    if whole:
+        if not vehicle.length_known:
+            vehicle.length_m, vehicle.length_known = length, True
+        vehicle.length_m += LENGTH_RATE * (length - vehicle.length_m)
+        vehicle.correct(interval.rear_m, END_SIGMA_M)
+    elif interval.cut_rear:
+        vehicle.length_m = max(vehicle.length_m, length)
+        vehicle.correct(interval.front_m - vehicle.length_m, END_SIGMA_M)
+    else:
+        vehicle.correct(interval.rear_m, END_SIGMA_M)
+        vehicle.length_m = max(vehicle.length_m, length)
+    return []
+
+
+def correct_many(vehicles: Sequence[LaneVehicle], interval: Interval) -> None:
+    """Give the rear of a merged interval to its last vehicle and the front to its first."""
+    last, first = vehicles[0], vehicles[-1]
+    if not interval.cut_rear and abs(interval.rear_m - last.rear_m) < last.gate_m():
+        last.correct(interval.rear_m, END_SIGMA_M)
+    if not interval.cut_front and abs(interval.front_m - first.front_m) < first.gate_m():
+        first.correct(interval.front_m - first.length_m, MERGED_SIGMA_M)
+    for behind, ahead in pairwise(vehicles):
+        # Nobody drives into the one ahead: a filter that says so has missed a braking.
+        overlap = behind.front_m + 0.5 - ahead.rear_m
+        if overlap > 0:
+            behind.correct(behind.rear_m - overlap, MERGED_SIGMA_M)
+
+
+def _remainder(interval: Interval, vehicle: LaneVehicle, by_rear: bool) -> Interval:
+    """Return the part of an interval that its one vehicle does not explain."""
+    if by_rear:
+        rear, front = interval.rear_m + vehicle.length_m + 1.0, interval.front_m
+    else:
+        rear, front = interval.rear_m, interval.front_m - vehicle.length_m - 1.0
+    return Interval(
+        interval.approach,
+        interval.lane,
+        rear,
+        max(front, rear + 2.0),
+        interval.offset_m,
+        interval.cut_rear and not by_rear,
+        interval.cut_front and by_rear,
+        interval.contrast,
+    )
+
+
+def overlap_m(vehicle: LaneVehicle, interval: Interval) -> float:
+    return min(vehicle.front_m, interval.front_m) - max(vehicle.rear_m, interval.rear_m)
+
+
+def shared(vehicle: LaneVehicle, interval: Interval) -> float:
+    """Return the overlap as a share of the shorter of the two."""
+    shorter = min(vehicle.length_m, interval.front_m - interval.rear_m)
+    return overlap_m(vehicle, interval) / max(shorter, 0.1)
+
+
+def overlaps(vehicle: LaneVehicle, interval: Interval) -> bool:
+    """Tell whether a vehicle may be what the interval shows."""
+    if shared(vehicle, interval) >= 0.4:
+        return True
+    return not vehicle.confirmed and -overlap_m(vehicle, interval) < min(vehicle.gate_m(), 6.0)
+
+
+def same_place(interval: Interval, place: Interval) -> bool:
+    """Tell whether an interval lies, but for a metre, where another one did."""
+    return (
+        (interval.approach, interval.lane) == (place.approach, place.lane)
+        and interval.rear_m > place.rear_m - 1.0
+        and interval.front_m < place.front_m + 1.0
+    )
+
+
+def without_doubles(vehicles: list[LaneVehicle]) -> list[LaneVehicle]:
+    """Of two vehicles of a lane at one place keep the one seen more often."""
+    kept: list[LaneVehicle] = []
+    for v in sorted(vehicles, key=lambda v: -v.hits):
+        if not any(
+            k.approach == v.approach
+            and k.lane == v.lane
+            and min(k.front_m, v.front_m) - max(k.rear_m, v.rear_m)
+            > 0.5 * min(k.length_m, v.length_m)
+            for k in kept
+        ):
+            kept.append(v)
+    return kept
