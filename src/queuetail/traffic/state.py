@@ -35,6 +35,8 @@ SLOW_S, FAST_S = 0.8, 1.0  # below or above the speed before a vehicle changes i
 RELEASE_FACTOR = 1.25
 COMPANION_M = 60.0
 EDGE_M = 4.0  # nearer to the end of what is seen, a queue may go on beyond it
+ENTRY_M, STANDING_MPS = 3.0, 3.0
+FAR_INSIDE_M = 40.0  # where an end that was beyond the edge is surely in the picture
 CLEAR_HOLD_S = 0.4  # a queue is not over because of one bad frame
 FLOOR_SIGMA_M = 0.35
 SIGMA_EVERY_S = 1.0
@@ -64,7 +66,7 @@ class QueueWatch:
     ) -> tuple[RoadVehicles, tuple[QueueState, ...]]:
         """Return the vehicles with `queued` set, and the state of every approach."""
         assert isinstance(scene.raster, RoadRaster)
-        slow = self._queued(vehicles, scene.t_s)
+        slow = self._queued(vehicles, scene.raster.spans, scene.t_s)
         marked = np.zeros(len(vehicles), np.bool_)
         states = []
         for index, approach in enumerate(approaches):
@@ -74,13 +76,21 @@ class QueueWatch:
             states.append(self._state(vehicles, queued, approach, span, scene))
         return dataclasses.replace(vehicles, queued=marked), tuple(states)
 
-    def _queued(self, vehicles: RoadVehicles, t_s: float) -> Bools:
-        """Return which vehicles are queued by speed and time alone."""
+    def _queued(
+        self, vehicles: RoadVehicles, spans: dict[int, tuple[float, float]], t_s: float
+    ) -> Bools:
+        """Return which vehicles are queued by speed and time alone.
+
+        The speed of one that is only half in the picture is a guess, unless it stands.
+        """
         result = np.zeros(len(vehicles), np.bool_)
         ids = vehicles.tracks.ids.tolist()
         speeds = vehicles.speed_mps.tolist()
         for i, (track_id, speed) in enumerate(zip(ids, speeds, strict=True)):
             if vehicles.tracks.states[i] is TrackState.TENTATIVE or not np.isfinite(speed):
+                continue
+            begin_m = spans.get(int(vehicles.approach[i]), (-np.inf, np.inf))[0]
+            if vehicles.rear_station_m[i] < begin_m + ENTRY_M and speed > STANDING_MPS:
                 continue
             memory = self._memories.setdefault(track_id, _Memory())
             step(memory, speed, t_s, self._speed_mps)
@@ -109,11 +119,35 @@ class QueueWatch:
         sigma = float(np.hypot(eoq.sigma_m, FLOOR_SIGMA_M))
         sigma = float(np.hypot(sigma, self._mapping_sigma(approach, eoq, scene)))
         eoq = dataclasses.replace(eoq, growth_mps=rate, sigma_m=sigma)
-        beyond = eoq.station_m < span[0] + EDGE_M
+        beyond = self._reaches_beyond(vehicles, queued, approach, eoq.station_m, span[0])
         status = QueueStatus.BEYOND_VIEW if beyond else QueueStatus.QUEUED
         state = QueueState(approach.name, status, eoq)
         self._held[approach.name] = (scene.t_s, state)
         return state
+
+    def _reaches_beyond(
+        self,
+        vehicles: RoadVehicles,
+        queued: Bools,
+        approach: Approach,
+        station_m: float,
+        edge_m: float,
+    ) -> bool:
+        """Tell whether the queue runs out of the picture upstream.
+
+        Once it did, it does until its end is far inside or someone drives freely up to it.
+        """
+        held = self._held.get(approach.name)
+        was = held is not None and held[1].status is QueueStatus.BEYOND_VIEW
+        if not was:
+            return station_m < edge_m + EDGE_M
+        on_road = np.isfinite(vehicles.station_m) & ~queued
+        follows = on_road & (vehicles.station_m < station_m) & (vehicles.station_m > edge_m)
+        confirmed = [s is not TrackState.TENTATIVE for s in vehicles.tracks.states]
+        moving = vehicles.speed_mps > RELEASE_FACTOR * self._speed_mps
+        return station_m < edge_m + FAR_INSIDE_M and not bool(
+            (follows & moving & np.array(confirmed, np.bool_)).any()
+        )
 
     def _mapping_sigma(self, approach: Approach, eoq: EndOfQueue, scene: Scene) -> float:
         """Return how well the mapping knows the station of the end of the queue, in metres."""

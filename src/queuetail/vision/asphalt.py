@@ -28,6 +28,7 @@ GAIN_LIMITS = (0.25, 4.0)
 MIN_THRESHOLD = 9.0  # grey levels
 NOISE_SIGMAS = 4.5
 EDGE_TOLERANCE = 0.45  # share of the local gradient: half a pixel of misregistration
+CLOUD_RATIO = 1.25  # of the lightest to the darkest stretch of road: less is no cloud's edge
 PLAIN_TOLERANCE = 12.0  # grey levels from a row's road at which a pixel is road for certain
 STAIN_TOLERANCE = 40.0  # grey levels from a row's road that a stain or patch may have
 PRIOR_TOLERANCE = 20.0  # grey levels from a row's road that the first picture may differ
@@ -85,7 +86,7 @@ class RoadBackground:
         self._window = max(round(GAIN_WINDOW_M * raster.px_per_m), 1)
         for band in raster.bands:
             part = np.s_[band.rows[0] : band.rows[1], : band.columns]
-            picture = image[part].astype(np.float32)
+            picture = _evenly_lit(image[part].astype(np.float32), self._window)
             profile = _row_modes(picture)[:, None]
             alike = np.abs(picture - profile) < PRIOR_TOLERANCE
             self._road[part] = np.where(alike, picture, profile)
@@ -208,6 +209,20 @@ def _row_modes(picture: Picture) -> Picture:
             counts = np.bincount(values, minlength=256).astype(np.float32)[:, None]
             modes[i] = int(cv2.filter2D(counts, -1, kernel).argmax())
     return modes
+
+
+def _evenly_lit(picture: Picture, window: int) -> Picture:
+    """Divide a first picture by its light along the road, so that clouds do not look like road.
+
+    Most rows of a column are bare road or shoulder, even beside a queue.
+    """
+    profile = np.maximum(_row_modes(picture), 1.0)[:, None]
+    light = np.median(picture / profile, axis=0, keepdims=True).astype(np.float32)
+    light = cv2.blur(light, (2 * window + 1, 1), borderType=cv2.BORDER_REPLICATE)
+    low, high = np.percentile(light, [5, 95])
+    if high < CLOUD_RATIO * low:
+        return picture
+    return picture / np.clip(light, *GAIN_LIMITS)
 
 
 def _accept_occluders(road: Picture, picture: Picture, alike: Bools) -> None:
