@@ -55,6 +55,9 @@ class Mapper(Protocol):
 class Road(Protocol):
     approaches: tuple[Approach, ...]
 
+    @property
+    def notes(self) -> tuple[str, ...]: ...
+
     def look(self, frame: Frame, mapping: GroundMapping, registration: Registration) -> None: ...
 
     def locate(self, tracks: Tracks) -> RoadVehicles: ...

@@ -25,6 +25,7 @@ from queuetail.pipeline import Pipeline
 from queuetail.presets import DEFAULT_PRESET, PRESETS
 from queuetail.sinks import RunInfo, Sink
 from queuetail.sinks.standard import standard_sinks
+from queuetail.site_writer import site_toml
 from queuetail.stopwatch import Stopwatch
 from queuetail.types import Approach, Observation, Origin
 from queuetail.video import VideoInfo
@@ -86,8 +87,11 @@ def run(
             timings_ms=watch.mean_ms(frames),
             wall_s=round(perf_counter() - started, 3),
             interrupted=interrupted,
+            notes=[*flight.notes, *pipeline.road.notes],
         )
-        notes = flight.notes
+        if not site.approach:
+            _write_found_site(folder / "site.toml", flight, pipeline.road.approaches)
+        notes = (*flight.notes, *pipeline.road.notes)
     return RunResult(folder, preset, frames, last_s, perf_counter() - started, interrupted, notes)
 
 
@@ -183,9 +187,17 @@ def _write_run_json(
             "opencv": cv2.__version__,
             "av": av.__version__,
         },
-        "notes": list(flight.notes),
     }
     path.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+
+
+def _write_found_site(path: Path, flight: Flight, approaches: tuple[Approach, ...]) -> None:
+    """Write the road that was found as a site file, to keep and to edit."""
+    path.unlink(missing_ok=True)
+    if approaches and flight.origin is not None:
+        path.write_text(
+            site_toml(approaches, flight.origin, f"found in {flight.video.name}"), encoding="utf-8"
+        )
 
 
 def _approach_record(approach: Approach, origin: Origin | None) -> dict[str, object]:

@@ -55,6 +55,18 @@ class SiteRoad:
         if found is not None and _is_sure(found):
             self._accept(found)
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the traffic said of the telemetry, once it did."""
+        if self.alignment is None:
+            return ()
+        a = self.alignment
+        return (
+            f"{a.vehicles} vehicles show telemetry turned by {a.rotation_deg:+.2f}° "
+            f"(± {a.rotation_sigma_deg:.2f}°) and {a.shift_m:+.2f} m (± {a.shift_sigma_m:.2f} m) "
+            f"to the left of the road",
+        )
+
     def locate(self, tracks: Tracks) -> RoadVehicles:
         """Return the tracks on the approaches."""
         return assign(tracks, self.approaches)
@@ -87,6 +99,12 @@ class FoundRoad:
         self._tried_s = 0.0
         self._refinements = 0
         self._epoch = 0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was found."""
+        found = ", ".join(f"{a.name} ({a.lanes} lanes)" for a in self.approaches)
+        return (f"the road was found from the traffic: {found}",) if found else ()
 
     def look(self, frame: Frame, mapping: GroundMapping, registration: Registration) -> None:
         """Watch the traffic until the road is known, and a little longer."""

@@ -34,6 +34,11 @@ class StraightRoad:
         self._moved: dict[int, tuple[Floats, Floats]] = {}
         self.approaches: tuple[Approach, ...] = ()
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Nothing that a user should know."""
+        return ()
+
     def look(self, frame: Frame, mapping: GroundMapping, registration: Registration) -> None:
         """Learn nothing from pictures: the tracks tell enough."""
 

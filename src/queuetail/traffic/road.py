@@ -101,6 +101,11 @@ class KnownRoad:
     def __init__(self, approaches: tuple[Approach, ...]) -> None:
         self.approaches = approaches
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Nothing that a user should know."""
+        return ()
+
     def look(self, frame: Frame, mapping: GroundMapping, registration: Registration) -> None:
         """Learn nothing: the road is known."""
 

@@ -98,9 +98,9 @@ def visible_columns(
 ) -> tuple[int, int]:
     """Return the first column that the picture shows at all lanes, and the one after the last."""
     stations = np.arange(0, band.columns + 1, max(round(GRID_M / band.metres_per_px), 1))
-    lanes_m = band.approach.lanes * band.approach.lane_width_m
+    half = band.approach.lane_width_m / 2
     inside = np.ones(len(stations), np.bool_)
-    for offset in (0.0, -lanes_m):
+    for offset in (-half, half - band.approach.lanes * band.approach.lane_width_m):
         enu = place(band.approach, band.station_m(stations), np.full(len(stations), offset))
         inside &= _inside(enu_to_px(mapping, enu), size)
     if not inside.any():
