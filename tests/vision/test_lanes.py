@@ -1,0 +1,231 @@
+"""Intervals along the lanes: their ends, what splits and joins them, and what is no vehicle."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from queuetail.types import Band, Floats, Image, LaneDetections, Masks
+from queuetail.vision.lanes import (
+    LEAN_HEIGHT_M,
+    LaneDetector,
+    dark_ends,
+    fill_outlines,
+    footprints,
+)
+from rasters import PX_PER_M, band, car_box, masks_of, raster
+
+ROAD = band()
+
+
+def empty(of: Band = ROAD) -> Image:
+    return np.zeros((of.rows[1], of.columns), np.uint8)
+
+
+def find(foreign: Image, of: Band = ROAD, bright: Image | None = None) -> LaneDetections:
+    return LaneDetector().find(masks_of(foreign, bright), raster(foreign, of))
+
+
+def drawn(rear_m: float, front_m: float, lane: int, supersampling: int = 16) -> Image:
+    """Return the mask of a body whose ends lie anywhere between two columns.
+
+    An end column belongs to it in as many rows as it covers of that column, as noise would have it.
+    """
+    mask = empty()
+    middle = ROAD.lane_rows[lane - 1]
+    top, bottom = round(middle - 4.5), round(middle + 4.5)
+    columns = np.arange(ROAD.columns)
+    cover = np.clip(np.minimum(columns + 1, front_m * PX_PER_M) - columns, 0, 1)
+    cover -= np.clip(np.minimum(columns + 1, rear_m * PX_PER_M) - columns, 0, 1)
+    rows = bottom - top
+    for column in np.flatnonzero(cover > 0):
+        mask[top : top + round(cover[column] * rows), column] = 255
+    return mask
+
+
+@given(rear_m=st.floats(20.0, 60.0), length_m=st.floats(3.5, 18.0), lane=st.integers(1, 2))
+@settings(max_examples=60)
+def test_ends_lie_where_the_body_ends_to_a_fraction_of_a_column(
+    rear_m: float, length_m: float, lane: int
+) -> None:
+    found = find(drawn(rear_m, rear_m + length_m, lane))
+    assert len(found) == 1
+    assert found.lane[0] == lane
+    assert found.rear_column[0] / PX_PER_M == pytest.approx(rear_m, abs=0.13)
+    assert found.front_column[0] / PX_PER_M == pytest.approx(rear_m + length_m, abs=0.13)
+    assert found.row[0] == pytest.approx(ROAD.lane_rows[lane - 1], abs=1.5)
+    assert not found.cut_rear[0]
+    assert not found.cut_front[0]
+
+
+def test_a_gap_of_two_metres_splits_and_a_windscreen_does_not() -> None:
+    mask = empty()
+    mask[car_box(ROAD, 1, 100)] = 255
+    mask[car_box(ROAD, 1, 100 + 23 + round(2.0 * PX_PER_M))] = 255
+    mask[:, 115:118] = 0  # glass the colour of asphalt
+    found = find(mask)
+    assert found.rear_column.tolist() == pytest.approx([100, 133], abs=1)
+    assert found.front_column.tolist() == pytest.approx([123, 156], abs=1)
+
+
+def test_vehicles_side_by_side_are_two() -> None:
+    mask = empty()
+    for lane in (1, 2):
+        mask[car_box(ROAD, lane, 200)] = 255
+    found = find(mask)
+    assert sorted(found.lane.tolist()) == [1, 2]
+
+
+def test_what_the_picture_cuts_is_told_at_either_end() -> None:
+    of = band(visible=(50, 550))
+    mask = empty(of)
+    for rear in (40, 300, 538):
+        mask[car_box(of, 1, rear)] = 255
+    found = find(mask, of)
+    assert found.cut_rear.tolist() == [True, False, False]
+    assert found.cut_front.tolist() == [False, False, True]
+    assert found.rear_column[0] == pytest.approx(50, abs=1)
+    assert found.front_column[2] == pytest.approx(550, abs=1)
+
+
+def test_nothing_and_specks_are_no_vehicles() -> None:
+    rng = np.random.default_rng(3)
+    specks = np.where(rng.random(empty().shape) < 0.01, 255, 0).astype(np.uint8)
+    assert len(find(empty())) == 0
+    assert len(find(specks)) == 0
+
+
+def test_an_outline_is_filled_and_the_road_between_two_vehicles_is_not() -> None:
+    outline = empty()
+    box = car_box(ROAD, 1, 200)
+    outline[box] = 255
+    inner = np.s_[box[0].start + 1 : box[0].stop - 1, box[1].start + 1 : box[1].stop - 1]
+    outline[inner] = 0
+    assert fill_outlines(outline, PX_PER_M)[box].all()
+    two = empty()
+    for rear in (100, 140):
+        two[car_box(ROAD, 1, rear)] = 255
+    assert not fill_outlines(two, PX_PER_M)[:, 126:138].any()
+
+
+def smeared(solid: Image, lean: tuple[float, float], height_m: float) -> Image:
+    """Return the silhouette of an upright body on a footprint: its copies up to its height."""
+    out = solid.copy()
+    for up_m in np.linspace(0, height_m, 40):
+        M = np.array([[1, 0, lean[0] * up_m], [0, 1, lean[1] * up_m]], np.float64)
+        moved = cv2.warpAffine(solid, M, solid.shape[::-1], flags=cv2.INTER_NEAREST)
+        out = np.maximum(out, moved)
+    return out
+
+
+leans = st.tuples(st.floats(-6.0, 6.0), st.floats(-6.0, 6.0))
+
+
+@given(lean=leans, rear=st.integers(150, 400), length=st.integers(16, 80))
+@settings(max_examples=60)
+def test_a_footprint_is_what_is_left_of_its_leaning_silhouette(
+    lean: tuple[float, float], rear: int, length: int
+) -> None:
+    """For bodies of bonnet height, whatever way and however far they lean."""
+    solid = empty()
+    box = car_box(ROAD, 1, rear, length)
+    solid[box] = 255
+    of = band(lean_px=lean)
+    standing = footprints(smeared(solid, lean, LEAN_HEIGHT_M), of.lean_px)
+    rows, columns = np.nonzero(standing)
+    for found, drawn_from, drawn_to in (
+        (columns, box[1].start, box[1].stop),
+        (rows, box[0].start, box[0].stop),
+    ):
+        assert found.min() == pytest.approx(drawn_from, abs=1.5)
+        assert found.max() + 1 == pytest.approx(drawn_to, abs=1.5)
+    intervals = find(smeared(solid, lean, LEAN_HEIGHT_M), of)
+    assert 1 in intervals.lane
+    mine = int(np.argmax(intervals.lane == 1))
+    assert intervals.rear_column[mine] == pytest.approx(rear, abs=2.0)
+
+
+def test_what_leans_out_of_the_raster_keeps_its_footprint() -> None:
+    lean = (0.0, -6.0)
+    of = band(lean_px=lean)
+    solid = empty(of)
+    solid[1:6, 100:130] = 255
+    assert footprints(smeared(solid, lean, 1.5), of.lean_px)[1:6, 100:130].all()
+
+
+def shadowed(rear: int, bright: bool, shadow: int = 8) -> tuple[Image, Image]:
+    """Return a car's silhouette with its cast shadow behind it, and its bright part."""
+    foreign, shine = empty(), empty()
+    foreign[car_box(ROAD, 1, rear - shadow, 23 + shadow)] = 255
+    if bright:
+        shine[car_box(ROAD, 1, rear)] = 255
+    return foreign, shine
+
+
+def test_a_cast_shadow_is_learnt_from_bright_vehicles_and_cut_from_dark_ones() -> None:
+    detector = LaneDetector()
+
+    def rear_of(bright: bool) -> float:
+        foreign, shine = shadowed(200, bright)
+        masks = masks_of(foreign, shine)
+        return float(detector.find(masks, raster(foreign, ROAD)).rear_column[0])
+
+    assert rear_of(False) == pytest.approx(192, abs=1)  # nothing is known of shadows yet
+    for _ in range(5):
+        rear_of(True)
+    assert rear_of(True) == pytest.approx(200, abs=1.5)
+    assert rear_of(False) == pytest.approx(200, abs=1.5)
+
+
+def test_without_sun_nothing_is_cut() -> None:
+    detector = LaneDetector()
+    for _ in range(10):
+        foreign, shine = shadowed(200, True, shadow=0)
+        found = detector.find(masks_of(foreign, shine), raster(foreign, ROAD))
+        assert found.rear_column[0] == pytest.approx(200, abs=1)
+
+
+@pytest.mark.parametrize(
+    ("shine", "expected"),
+    [
+        ([1.0] * 20, (0.0, 0.0)),
+        ([0.0] * 5 + [1.0] * 15, (5.0, 0.0)),
+        ([1.0] * 15 + [0.0] * 5, (0.0, 5.0)),
+        ([0.0] * 20, None),
+        ([0.0] * 18 + [1.0] * 2, None),  # a lamp does not make a bright vehicle
+    ],
+)
+def test_dark_ends(shine: list[float], expected: tuple[float, float] | None) -> None:
+    array: Floats = np.array(shine)
+    assert dark_ends(array) == expected
+
+
+def lorry(lean: tuple[float, float], height_m: float, beside: bool) -> tuple[Image, Band]:
+    """Return a lorry in the lane nearer to the camera, with a car beside it or none."""
+    of = band(lean_px=lean)
+    solid = empty(of)
+    solid[car_box(of, 2, 200, 70)] = 255
+    mask = smeared(solid, lean, height_m)
+    if beside:
+        car = empty(of)
+        car[car_box(of, 1, 330)] = 255
+        mask = np.maximum(mask, smeared(car, lean, LEAN_HEIGHT_M))
+    return mask, of
+
+
+def test_the_side_of_a_tall_vehicle_is_no_vehicle_in_the_lane_behind() -> None:
+    mask, of = lorry((0.0, -5.5), 4.0, beside=False)
+    assert find(mask, of).lane.tolist() == [2]
+    mask, of = lorry((0.0, -5.5), 4.0, beside=True)
+    assert sorted(find(mask, of).lane.tolist()) == [1, 2]
+
+
+def test_contrast_is_that_of_the_vehicle() -> None:
+    mask = empty()
+    mask[car_box(ROAD, 1, 100)] = 255
+    levels = np.where(mask > 0, 60.0, 0.0).astype(np.float32)
+    found = LaneDetector().find(Masks(mask, mask, levels), raster(mask, ROAD))
+    assert found.contrast[0] == pytest.approx(60.0, abs=8.0)
