@@ -91,7 +91,14 @@ BAD: dict[str, Case] = {
     ),
     "impossible latitude": (
         lambda b: b.run(telemetry=b.write("i.csv", LOG_HEAD + "0,361" + GOOD_ROW[11:])),
-        "i.csv",
+        "found in the log: 1 of 1 samples: latitude dropped (outside ±90°)",
+    ),
+    "misspelt column": (
+        lambda b: b.run(
+            telemetry=b.write("m.csv", LOG_HEAD.replace("height", "heigth") + "0.0," + GOOD_ROW)
+        ),
+        "lacks height_agl_m; give height_agl_m under [telemetry] in the site file (--site); "
+        "found in the log: columns not used: heigth_agl_m",
     ),
     "nan": (
         lambda b: b.run(telemetry=b.write("i.csv", LOG_HEAD + "0,nan,nan,nan,nan,nan,nan,nan\n")),
@@ -162,6 +169,21 @@ def test_bad_input_gets_one_sentence(
     assert shown.err.endswith("\n")
     assert says in shown.err
     assert not (bench.folder / "o" / "run.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("video", "says"),
+    [
+        ("aphill_short.ts", "not MISB ST 0601 but another set"),
+        ("h264_klv.ts", "found in the log: "),
+    ],
+)
+def test_what_is_wrong_with_telemetry_inside_a_video_is_said(
+    video: str, says: str, shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["run", str(shared / "telemetry" / video), "--out", str(tmp_path / "o")]
+    assert main(arguments) == 2
+    assert says in capsys.readouterr().err
 
 
 def test_the_good_run_of_the_bench_is_good(

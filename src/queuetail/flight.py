@@ -10,6 +10,7 @@ from queuetail.config import Site
 from queuetail.errors import InputError
 from queuetail.mapping import POSE_FIELDS, site_origin
 from queuetail.telemetry import FlightLog, read_telemetry
+from queuetail.telemetry.container import NoTelemetryError
 from queuetail.telemetry.read import VideoClock
 from queuetail.types import Frame, Origin, TelemetrySample
 from queuetail.video import VideoFile, VideoInfo
@@ -93,7 +94,7 @@ def _find_log(
             return _completed(read_telemetry(sidecar, clock), site), sidecar
     try:
         return _completed(read_telemetry(file.path, clock), site), file.path
-    except InputError:
+    except NoTelemetryError:
         raise InputError(
             f"{file.path} comes with no telemetry: name its log with --telemetry, or give a site "
             "file with at least 4 [[control_point]] entries (--site)"
@@ -119,9 +120,11 @@ def _check_fields(log: FlightLog, source: Path, site: Site) -> None:
         tables.append(f"{', '.join(in_telemetry)} under [telemetry]")
     if in_camera:
         tables.append("hfov_deg under [camera]")
+    found = "; ".join(note.removeprefix(f"{log.source}: ") for note in log.notes)
     raise InputError(
         f"{source} lacks {', '.join(missing)}; "
         f"give {' and '.join(tables)} in the site file (--site)"
+        + (f"; found in the log: {found}" if found else "")
     )
 
 

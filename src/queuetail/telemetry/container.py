@@ -24,6 +24,10 @@ from queuetail.telemetry.reading import Reading, VideoClock, without_strays
 LENGTH_BYTES = 2  # before the text of a mov_text packet (3GPP TS 26.245)
 
 
+class NoTelemetryError(InputError):
+    """A file without any telemetry that is known, which is no fault of a video."""
+
+
 def is_container(path: Path) -> bool:
     """Tell whether FFmpeg reads the file."""
     try:
@@ -52,7 +56,7 @@ def read_container(path: Path, clock: VideoClock) -> Reading:
         cues = [Cue(None if c.start_s is None else c.start_s - first_s, c.text) for c in found.cues]
         reading = reading_from_cues(cues, source, clock)
     else:
-        raise InputError(
+        raise NoTelemetryError(
             f"{path}: there is no telemetry stream (KLV or DJI subtitles) in this video; "
             "give the flight log as a file"
         )

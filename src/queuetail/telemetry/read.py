@@ -7,7 +7,7 @@ from pathlib import Path
 from queuetail.errors import InputError
 from queuetail.telemetry.airdata import is_airdata, read_airdata
 from queuetail.telemetry.clean import clean
-from queuetail.telemetry.container import is_container, read_container
+from queuetail.telemetry.container import NoTelemetryError, is_container, read_container
 from queuetail.telemetry.dji_csv import is_dji_csv, read_dji_csv
 from queuetail.telemetry.dji_srt import is_dji_srt, read_dji_srt
 from queuetail.telemetry.flightlog import FlightLog
@@ -73,7 +73,7 @@ def _read_text(text: str, source: str, clock: VideoClock) -> Reading:
 
 
 def _unknown(source: str) -> InputError:
-    return InputError(f"{source} is no telemetry that queuetail knows; it reads {FORMATS}")
+    return NoTelemetryError(f"{source} is no telemetry that queuetail knows; it reads {FORMATS}")
 
 
 def _bytes_of(path: Path, count: int = -1) -> bytes:
