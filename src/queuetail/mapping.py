@@ -30,6 +30,7 @@ from queuetail.types import (
 )
 
 MISFIT_RANGE = (0.1, 2.0)
+PLAIN_HFOV_DEG = 60.0
 SETTLE_S = 3.0  # over which the place of the reference picture is averaged
 # What a pose needs, in the words of the telemetry columns and of the site file's [telemetry] table.
 POSE_FIELDS = ("lat_deg", "lon_deg", "height_agl_m", "heading_deg", "gimbal_pitch_deg", "hfov_deg")
@@ -237,18 +238,21 @@ def control_point_mapping(
         else:
             enu[row] = point.enu_m
     px = np.array([p.px for p in points], float)
-    lens = _distorting_lens(site.camera, width_px, height_px)
+    lens = _lens(site.camera, width_px, height_px)
     try:
         return mapping_from_control_points(px, enu, origin, lens)
     except ValueError as error:
         raise InputError(f"[[control_point]]: {error}") from None
 
 
-def _distorting_lens(camera: CameraOverride, width_px: int, height_px: int) -> Intrinsics | None:
-    if not camera.distortion:
-        return None
-    if camera.hfov_deg is None:
+def _lens(camera: CameraOverride, width_px: int, height_px: int) -> Intrinsics:
+    """Return the lens of a camera known by control points.
+
+    Without distortion only its centre matters: it tells where the camera stands above the road.
+    """
+    if camera.distortion and camera.hfov_deg is None:
         raise InputError(
             "[camera] distortion needs hfov_deg beside it when control points are used"
         )
-    return intrinsics_from_hfov(width_px, height_px, camera.hfov_deg, camera.distortion)
+    hfov_deg = camera.hfov_deg or PLAIN_HFOV_DEG
+    return intrinsics_from_hfov(width_px, height_px, hfov_deg, camera.distortion)

@@ -121,7 +121,7 @@ class GroundMapping:
     H_enu_px: Floats
     H_px_enu: Floats
     origin: Origin | None
-    intrinsics: Intrinsics | None = None  # where there is distortion to undo
+    intrinsics: Intrinsics | None = None  # the lens, where its distortion or centre is known
     pose: CameraPose | None = None
     pose_sigma: PoseSigma = field(default_factory=PoseSigma)
     sigma_m: float = 0.0
