@@ -117,6 +117,11 @@ BAD = {
         "approach 1",
         "same point twice",
     ),
+    "axis across a continent": (
+        "[[approach]]\nname = 'NB'\naxis = [[36.1, -97.0], [30.1, -97.0]]",
+        "approach 1",
+        "lie about 666 km apart",
+    ),
     "three numbers": (
         "[[approach]]\nname='NB'\naxis = [[36.1, -97.0, 3], [36.2, -97.0, 3]]",
         "approach 1.axis 1",
@@ -130,7 +135,7 @@ BAD = {
     "longitude first": (
         "[[approach]]\nname = 'NB'\naxis = [[-97.0, 36.1], [-97.1, 36.1]]",
         "approach 1.axis 1 1",
-        "greater than or equal to -90",
+        "(it is -97.0); a point is [latitude, longitude]",
     ),
     "nan": ("[site]\norigin = [nan, 0.0]", "site.origin 1", "finite"),
     "infinite": ("[telemetry]\noffset_s = inf", "telemetry.offset_s", "finite"),

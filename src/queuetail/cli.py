@@ -91,6 +91,8 @@ def _run(arguments: argparse.Namespace) -> int:
             opened=progress.opened,
             progress=progress.update,
         )
+        if not result.interrupted:
+            progress.done()
     print_summary(result)
     return INTERRUPTED if result.interrupted else 0
 

@@ -16,6 +16,8 @@ from queuetail.errors import InputError
 T = TypeVar("T", bound="Settings")
 
 MPS_PER_MPH = 0.44704
+KM_PER_DEGREE = 111.0  # of latitude; of longitude it is less, which a sanity check may ignore
+MAX_LEG_KM = 100.0  # no road is straight for longer: a digit or a sign is wrong
 DEFAULT_QUEUE_SPEED_MPH = 25.0  # Messenger et al. (2023): where no limit is posted
 
 Latitude = Annotated[float, Field(ge=-90, le=90, allow_inf_nan=False)]
@@ -83,6 +85,13 @@ class ApproachSite(Settings):
             raise ValueError("an axis needs two points or more, in the direction of travel")
         if any(math.dist(a, b) == 0 for a, b in pairwise(points)):
             raise ValueError("an axis has the same point twice in a row")
+        unit_km = KM_PER_DEGREE if self.axis is not None else 1e-3
+        longest_km = unit_km * max(math.dist(a, b) for a, b in pairwise(points))
+        if longest_km > MAX_LEG_KM:
+            raise ValueError(
+                f"two neighbouring points of the axis lie about {longest_km:.0f} km apart; "
+                "give the road near the drone, as [latitude, longitude]"
+            )
         return self
 
 
@@ -195,6 +204,11 @@ def _first_problem(model: type[Settings], error: ValidationError) -> str:
         inside = f" in [{table}]" if table else ""
         return f"unknown key {location[-1]!r}{inside}; {hint}"
     message = problem["msg"].removeprefix("Value error, ")
+    given = problem.get("input")
+    if problem["type"] != "value_error" and isinstance(given, str | int | float):
+        message += f" (it is {given!r})"
+    if "axis" in location and str(problem["type"]).endswith("_than_equal"):
+        message += "; a point is [latitude, longitude]"
     return f"{where}: {message}" if where else message
 
 

@@ -50,6 +50,11 @@ class RunProgress:
         self._bar.start()
         self._started = True
 
+    def done(self) -> None:
+        """Fill the bar: the video's own length may count what comes after its last frame."""
+        total = self._bar.tasks[0].total or 1.0
+        self._bar.update(self._task, completed=total, total=total)
+
     def update(self, observation: Observation) -> None:
         """Show how far the run is and what it sees."""
         if observation.frame_index % 10 == 0:
@@ -70,8 +75,9 @@ def print_summary(result: RunResult) -> None:
     console.print(table)
     rate = result.frames / result.wall_s if result.wall_s else 0.0
     speed = result.duration_s / result.wall_s if result.wall_s else 0.0
+    frames = "1 frame" if result.frames == 1 else f"{result.frames} frames"
     console.print(
-        f"{result.frames} frames, {result.duration_s:.1f} s of video in {result.wall_s:.1f} s "
+        f"{frames}, {result.duration_s:.1f} s of video in {result.wall_s:.1f} s "
         f"({rate:.0f} frames/s, {speed:.1f} × real time)"
     )
     for note in result.notes:

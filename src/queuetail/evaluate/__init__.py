@@ -7,7 +7,10 @@ from importlib.util import find_spec
 from queuetail.errors import InputError
 
 if find_spec("motmetrics") is None or find_spec("scipy") is None:
-    raise InputError("evaluation needs motmetrics and scipy: pip install 'queuetail[evaluate]'")
+    raise InputError(
+        "evaluation needs motmetrics and scipy; in the project's folder run `make setup-dev`, "
+        "or pip install '.[evaluate]'"
+    )
 
 from queuetail.evaluate.compare import evaluate
 from queuetail.evaluate.records import Evaluation

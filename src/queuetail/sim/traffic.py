@@ -29,7 +29,9 @@ from queuetail.sim.network import (
 from queuetail.sim.scenario import Scenario
 from queuetail.types import Bools, Floats, Ints
 
-MISSING = "simulate needs the extra: pip install 'queuetail[sim]'"
+MISSING = (
+    "simulate needs SUMO; in the project's folder run `make setup-dev`, or pip install '.[sim]'"
+)
 PARKED_EVERY_M = 21.0
 
 
