@@ -207,7 +207,17 @@ def test_some_impossible_samples_are_dropped_and_counted(
     assert "2" in " ".join(notes) or len(notes) == 2
 
 
-@pytest.mark.parametrize("arguments", [[], ["walk"], ["run"], ["run", "a", "--preset", "none"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["walk"],
+        ["run"],
+        ["run", "a", "--preset", "none"],
+        ["simulate", "a", "--out", "b", "--seed=-4"],
+        ["simulate", "--random", "1e3", "--out", "b"],
+    ],
+)
 def test_bad_usage_exits_with_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stopped:
         main(arguments)

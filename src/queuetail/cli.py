@@ -152,10 +152,10 @@ def _add_simulate(commands: Commands) -> None:
         "scenario", type=Path, nargs="?", metavar="SCENARIO.toml", help="what to simulate"
     )
     simulate.add_argument("--out", type=Path, required=True, metavar="DIR", help="output folder")
-    simulate.add_argument("--seed", type=int, metavar="N", help="default: the scenario's own")
+    simulate.add_argument("--seed", type=seed, metavar="N", help="default: the scenario's own")
     simulate.add_argument(
         "--random",
-        type=int,
+        type=seed,
         metavar="SEED",
         help="draw a scenario instead of reading one",
     )
@@ -238,6 +238,13 @@ def pixel(text: str) -> tuple[float, float]:
     except ValueError:
         raise argparse.ArgumentTypeError(f"'{text}' is not a pixel; write it as 640,360") from None
     return u, v
+
+
+def seed(text: str) -> int:
+    """Parse a seed, which for the random generators is a whole number from 0 to 2147483647."""
+    if not text.isascii() or not text.isdigit() or int(text) >= 2**31:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number from 0 to {2**31 - 1}")
+    return int(text)
 
 
 if __name__ == "__main__":

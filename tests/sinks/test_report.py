@@ -135,7 +135,8 @@ def test_local_metres_only(tmp_path: Path) -> None:
         )
         run.append((shot, dataclasses.replace(shown, mapping=ground, states=states)))
     page = checked(written(tmp_path, run))
-    assert "metres east" in page.words
+    assert "metres of the site file" in page.words
+    assert "North is up" not in page.words
     assert "latitude" not in page.words
 
 

@@ -98,6 +98,7 @@ def write_report(run_dir: Path, still: Still | None = None) -> Path:
         picture=picture,
         picture_caption=_caption(still, tables),
         map_svg=site_map(scene) if scene else None,
+        map_has_north=scene is not None and scene.origin is not None,
         map_has_picture=scene is not None and scene.base is not None,
         events=[_event_cells(e) for e in events[:MAX_EVENTS]],
         events_left_out=max(len(events) - MAX_EVENTS, 0),

@@ -112,7 +112,7 @@ def time_space(table: QueueTable, tracks: TrackTable | None) -> str:
 
 
 def site_map(scene: MapScene) -> str:
-    """Return the map in metres east and north, labelled with latitude and longitude if known."""
+    """Return the map in metres, labelled with east, north and degrees where those are known."""
     left, right, low, high = scene.extent
     shape = (high - low) / (right - left)
     with mpl.rc_context(STYLE | {"axes.spines.top": True, "axes.spines.right": True}):
@@ -137,8 +137,8 @@ def site_map(scene: MapScene) -> str:
         axes.set_xlim(left, right)
         axes.set_ylim(low, high)
         axes.set_aspect("equal")
-        axes.set_xlabel("metres east")
-        axes.set_ylabel("metres north")
+        axes.set_xlabel("metres east" if scene.origin else "x, metres of the site file")
+        axes.set_ylabel("metres north" if scene.origin else "y, metres of the site file")
         if scene.origin is not None:
             _label_degrees(axes, scene)
         if axes.get_legend_handles_labels()[0]:
