@@ -1,0 +1,163 @@
+"""The road of the road preset: a site's road is aligned once, a found road keeps its names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from queuetail.config import CameraOverride, Site
+from queuetail.flight import open_flight
+from queuetail.geo.ground import px_to_enu
+from queuetail.mapping import RegisteredMapper, TelemetryMapper
+from queuetail.registrar import STILL, FrameRegistrar
+from queuetail.scouted_road import FoundRoad, SiteRoad, _differs, _with_old_names
+from queuetail.traffic.alignment import Alignment
+from queuetail.types import (
+    Approach,
+    Frame,
+    GroundMapping,
+    Origin,
+    Registration,
+    TelemetrySample,
+    Unknown,
+)
+
+ORIGIN = Origin(36.11, -97.057)
+SAID = TelemetrySample(0.0, 36.11, -97.057, 120.0, 0.0, -90.0, 0.0, 84.0)
+PX = np.array([[320.0, 180.0], [100.0, 40.0], [600.0, 300.0]])
+
+
+def approach(
+    name: str, offset_m: float = 0.0, lanes: int = 2, length_m: float = 300.0, back: bool = False
+) -> Approach:
+    axis = np.array([[-length_m / 2, offset_m], [length_m / 2, offset_m]])
+    return Approach(name, axis[::-1] if back else axis, 0.0, lanes, 3.5)
+
+
+def mapper() -> RegisteredMapper:
+    return RegisteredMapper(TelemetryMapper(640, 360, CameraOverride(), ORIGIN), 640, 360)
+
+
+def mapped(of: RegisteredMapper) -> GroundMapping:
+    found = of.mapping(SAID, STILL)
+    assert not isinstance(found, Unknown)
+    return found
+
+
+def alignment(rotation_deg: float, shift_m: float) -> Alignment:
+    """Return the correction by a rotation about the origin and a shift to the north."""
+    angle = np.radians(rotation_deg)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    A = np.column_stack([turn, [0.0, shift_m]])
+    return Alignment(A, rotation_deg, 0.05, shift_m, 0.1, 0.3, 12)
+
+
+def test_a_misalignment_is_applied_once_and_the_road_is_laid_out_anew() -> None:
+    of = mapper()
+    before = px_to_enu(mapped(of), PX)
+    approaches = (approach("NB"),)
+    road = SiteRoad(approaches, of)
+    found = alignment(1.5, 3.0)
+    road._accept(found)
+    assert px_to_enu(mapped(of), PX) == pytest.approx(found.apply(before), abs=1e-6)
+    assert road.alignment is found
+    assert road.approaches is not approaches
+    assert np.array_equal(road.approaches[0].axis_enu, approaches[0].axis_enu)
+    # What is looked at afterwards changes nothing more: the watch is over.
+    luma = np.full((360, 640), 90, np.uint8)
+    for n in range(100):
+        frame = Frame(n, n / 2, luma, lambda w, h: np.zeros((h, w, 3), np.uint8))
+        road.look(frame, mapped(of), STILL)
+    assert px_to_enu(mapped(of), PX) == pytest.approx(found.apply(before), abs=1e-6)
+
+
+def test_a_small_misalignment_is_left_alone_and_told() -> None:
+    of = mapper()
+    before = px_to_enu(mapped(of), PX)
+    approaches = (approach("NB"),)
+    road = SiteRoad(approaches, of)
+    road._accept(alignment(0.05, 0.1))
+    assert px_to_enu(mapped(of), PX) == pytest.approx(before, abs=1e-9)
+    assert road.approaches is approaches
+    assert road.alignment is not None
+
+
+def test_telemetry_that_was_far_off_is_trusted_less() -> None:
+    sigmas = []
+    for rotation_deg in (0.0, 1.0, 4.0):
+        of = mapper()
+        SiteRoad((approach("NB"),), of)._accept(alignment(rotation_deg, 0.0))
+        sigmas.append(mapped(of).pose_sigma.yaw_deg)
+    assert sigmas == sorted(sigmas)
+    assert sigmas[0] < sigmas[-1]
+
+
+@pytest.mark.parametrize(
+    ("new", "differs"),
+    [
+        ([approach("a")], False),
+        ([approach("a", offset_m=0.2)], False),
+        ([approach("a", offset_m=1.5)], True),
+        ([approach("a", lanes=3)], True),
+        ([approach("a", length_m=330.0)], False),
+        ([approach("a", length_m=500.0)], True),
+        ([approach("a", back=True)], True),
+        ([approach("a"), approach("b", offset_m=12.0, back=True)], True),
+    ],
+)
+def test_only_another_road_is_worth_starting_anew(new: list[Approach], differs: bool) -> None:
+    assert _differs((approach("NB"),), tuple(new)) is differs
+
+
+def test_an_approach_found_again_keeps_its_name() -> None:
+    old = (approach("NB"), approach("SB", offset_m=12.0, back=True))
+    new = (approach("a", offset_m=11.0, back=True), approach("b", offset_m=0.5, lanes=3))
+    found = _with_old_names(new, old)
+    assert [a.name for a in found] == ["SB", "NB"]
+    assert found[1].lanes == 3
+
+
+def test_names_stay_unlike_when_one_road_becomes_two() -> None:
+    found = _with_old_names((approach("a"), approach("b", offset_m=4.0)), (approach("NB"),))
+    assert len({a.name for a in found}) == 2
+
+
+def test_nothing_is_found_where_nothing_moves() -> None:
+    road, mapping = FoundRoad(), mapped(mapper())
+    luma = np.random.default_rng(0).integers(80, 100, (360, 640)).astype(np.uint8)
+    for n in range(120):
+        frame = Frame(n, n / 8, luma, lambda w, h: np.zeros((h, w, 3), np.uint8))
+        road.look(frame, mapping, Registration(np.eye(3), 1.0))
+    assert road.approaches == ()
+
+
+def test_the_bundled_flights_road_is_found_within_20_s(flagger: Path) -> None:
+    """Two lanes, southbound."""
+    with open_flight(flagger / "flight.mp4", flagger / "telemetry.csv", Site()) as flight:
+        size = flight.video.width_px, flight.video.height_px
+        assert flight.origin is not None
+        told = TelemetryMapper(*size, CameraOverride(), flight.origin)
+        registrar, of, road = (
+            FrameRegistrar(*size, told),
+            RegisteredMapper(told, *size),
+            FoundRoad(),
+        )
+        done_s = -1.0
+        for frame in flight.frames():
+            if road.approaches or frame.t_s > 20.0:
+                break
+            if frame.t_s - done_s < 0.11:
+                continue
+            done_s = frame.t_s
+            sample = flight.telemetry_at(frame.t_s)
+            registration = registrar.register(frame, sample)
+            mapping = of.mapping(sample, registration)
+            assert not isinstance(mapping, Unknown)
+            road.look(frame, mapping, registration)
+    (found,) = road.approaches
+    assert found.lanes == 2
+    assert found.lane_width_m == pytest.approx(3.6, abs=0.4)
+    ahead = found.axis_enu[-1] - found.axis_enu[0]
+    assert ahead[1] < -abs(ahead[0])
