@@ -263,11 +263,9 @@ def test_a_standing_thing_that_others_drive_through_is_no_vehicle() -> None:
     assert len(confirmed(tracks)) == 1
     for step in range(90):
         at = 1.0 + 2.5 * step
-        seen = (
-            [(1, at, at + 4.6)]
-            if at + 4.6 > 149 and at < 156
-            else [(1, at, at + 4.6), (1, 150.0, 154.6)]
-        )
+        over = at + 4.6 > 149.3 and at < 155.3
+        merged: list[Seen] = [(1, min(at, 150.0), max(at + 4.6, 154.6))]
+        seen = merged if over else [(1, at, at + 4.6), (1, 150.0, 154.6)]
         tracks = road.see(*seen)
     believed = confirmed(tracks)
     assert all(abs(rear(tracks, i) - 150.0) > 20 for i in believed)
