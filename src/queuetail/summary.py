@@ -96,6 +96,8 @@ def _approach_row(name: str, rows: list[dict[str, str]]) -> list[str]:
     last = next((r for r in reversed(rows) if r["status"] in ("queued", "beyond_view")), None)
     if last is None:
         return [name or "(no road yet)", *percent, "none"]
-    place = f"{last['eoq_lat']}, {last['eoq_lon']}" if last["eoq_lat"] else "local metres"
+    place = "local metres"
+    if last["eoq_lat"]:
+        place = f"{float(last['eoq_lat']):.6f}, {float(last['eoq_lon']):.6f}"
     where = f"{place} · station {float(last['eoq_station_m']):.0f} m at {float(last['t_s']):.1f} s"
     return [name or "(no road yet)", *percent, where]

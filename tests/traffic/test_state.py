@@ -128,7 +128,10 @@ QUEUE = [250.0, 258.0, 266.0, 274.0]
 
 def test_an_empty_road_is_clear_and_free_traffic_is_too() -> None:
     watched = Watched()
-    assert watched.see(vehicles([]))[1].status is QueueStatus.CLEAR
+    _, first = watched.see(vehicles([]), 0.8)
+    assert first.status is QueueStatus.UNKNOWN
+    assert "watched" in first.reasons[0]
+    assert watched.see(vehicles([]), 0.5)[1].status is QueueStatus.CLEAR
     _, state = watched.see(vehicles([150, 200, 250], [28, 28, 28]), 5.0)
     assert state.status is QueueStatus.CLEAR
     assert state.eoq is None
@@ -136,7 +139,7 @@ def test_an_empty_road_is_clear_and_free_traffic_is_too() -> None:
 
 def test_a_queue_forms_within_two_seconds_and_tells_its_end() -> None:
     watched = Watched()
-    assert watched.see(vehicles(QUEUE))[1].status is QueueStatus.CLEAR
+    assert watched.see(vehicles(QUEUE))[1].status is QueueStatus.UNKNOWN
     marked, state = watched.see(vehicles(QUEUE), 1.9)
     assert state.status is QueueStatus.QUEUED
     assert state.eoq is not None

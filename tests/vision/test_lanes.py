@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rasters import PX_PER_M, band, car_box, masks_of, raster
 
 from queuetail.types import Band, Floats, Image, LaneDetections, Masks
 from queuetail.vision.lanes import (
@@ -16,7 +17,6 @@ from queuetail.vision.lanes import (
     fill_outlines,
     footprints,
 )
-from rasters import PX_PER_M, band, car_box, masks_of, raster
 
 ROAD = band()
 

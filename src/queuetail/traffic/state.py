@@ -35,6 +35,8 @@ SLOW_S, FAST_S = 0.8, 1.0  # below or above the speed before a vehicle changes i
 RELEASE_FACTOR = 1.25
 COMPANION_M = 60.0
 EDGE_M = 4.0  # nearer to the end of what is seen, a queue may go on beyond it
+WATCH_S = 1.0  # of road in view before it may be called clear: a queue takes as long to show
+BREAK_S = 0.5  # out of view after which watching begins anew
 ENTRY_M, STANDING_MPS = 3.0, 3.0
 FAR_INSIDE_M = 40.0  # where an end that was beyond the edge is surely in the picture
 CLEAR_HOLD_S = 0.4  # a queue is not over because of one bad frame
@@ -58,6 +60,7 @@ class QueueWatch:
         self._speed_mps = queue_speed_mps
         self._memories: dict[int, _Memory] = {}
         self._growth: dict[str, Growth] = {}
+        self._seen: dict[str, tuple[float, float]] = {}  # since when, and when last
         self._sigmas: dict[str, tuple[float, float]] = {}
         self._held: dict[str, tuple[float, QueueState]] = {}
 
@@ -109,11 +112,15 @@ class QueueWatch:
         scene: Scene,
     ) -> QueueState:
         growth = self._growth.setdefault(approach.name, Growth())
+        watched_s = self._watched(approach.name, span is not None, scene.t_s)
         if span is None:
-            why = ("the approach is not in the picture",)
+            why = ("the approach is not in the picture, or too small in it",)
             return QueueState(approach.name, QueueStatus.UNKNOWN, None, why)
         eoq = end_of_queue(vehicles, queued, approach, scene.mapping)
         rate = growth.update(scene.t_s, None if eoq is None else eoq.station_m)
+        if eoq is None and watched_s < WATCH_S:
+            why = (f"the road was watched for {watched_s:.1f} s only",)
+            return QueueState(approach.name, QueueStatus.UNKNOWN, None, why)
         if eoq is None:
             return self._held_or_clear(approach.name, scene.t_s)
         sigma = float(np.hypot(eoq.sigma_m, FLOOR_SIGMA_M))
@@ -124,6 +131,14 @@ class QueueWatch:
         state = QueueState(approach.name, status, eoq)
         self._held[approach.name] = (scene.t_s, state)
         return state
+
+    def _watched(self, name: str, visible: bool, t_s: float) -> float:
+        """Return for how long the approach has been in view without a break, in seconds."""
+        since_s, last_s = self._seen.get(name, (t_s, t_s))
+        if not visible or t_s - last_s > BREAK_S:
+            since_s = t_s
+        self._seen[name] = (since_s, t_s)
+        return t_s - since_s
 
     def _reaches_beyond(
         self,
