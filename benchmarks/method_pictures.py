@@ -19,7 +19,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt  # the backend is chosen before it is loaded
 
 from queuetail.config import read_site
-from queuetail.flight import open_flight
+from queuetail.flight import Flight, open_flight
 from queuetail.geo.ground import enu_to_px
 from queuetail.presets import PRESETS
 from queuetail.traffic.road import place
@@ -85,7 +85,7 @@ def watch(flight_dir: Path) -> Stages:
         view = Listening(pipeline.view, "render")
         background = Listening(pipeline.background, "apply")
         detector = Listening(pipeline.detector, "find")
-        model = pipeline.background
+        model: Any = pipeline.background  # its road in the present light is its own affair
         pipeline.view, pipeline.background, pipeline.detector = view, background, detector
         for frame in flight.frames():
             if stages.times and frame.t_s - stages.times[-1] < pipeline.interval_s - 0.002:
@@ -107,7 +107,7 @@ def watch(flight_dir: Path) -> Stages:
     return stages
 
 
-def _said(flight: Any, frame: Frame) -> TelemetrySample:
+def _said(flight: Flight, frame: Frame) -> TelemetrySample:
     return flight.telemetry_at(frame.t_s)
 
 
