@@ -255,7 +255,6 @@ def test_flat_stains_and_small_things_are_never_believed(stain: Seen) -> None:
         assert confirmed(road.see(stain)) == []
 
 
-@pytest.mark.xfail(reason="the double of the two that is let go is the one that drives")
 def test_a_standing_thing_that_others_drive_through_is_no_vehicle() -> None:
     road = Road()
     for _ in range(15):

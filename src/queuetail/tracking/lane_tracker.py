@@ -37,6 +37,7 @@ HIDDEN_S = 20.0  # behind a tall vehicle, or under a bridge
 DRIVING_MPS = 4.0
 CONTRAST_RATE = 0.2
 STAIN_LEVELS, MIN_STANDING_M = 20.0, 2.8
+SAME_PLACE = 0.45  # overlap, as a share of the shorter, at which one drives through the other
 
 
 class LaneTracker:
@@ -192,7 +193,7 @@ class LaneTracker:
             if any(
                 v.moved
                 and (v.approach, v.lane) == (thing.approach, thing.lane)
-                and shared(v, place) > 0.8
+                and shared(v, place) > SAME_PLACE
                 for v in driving
             ):
                 thing.mark, thing.confirmed = True, False

@@ -181,9 +181,9 @@ def same_place(interval: Interval, place: Interval) -> bool:
 
 
 def without_doubles(vehicles: list[LaneVehicle]) -> list[LaneVehicle]:
-    """Of two vehicles of a lane at one place keep the one seen more often."""
+    """Of two vehicles of a lane at one place keep the one that moved, then the more often seen."""
     kept: list[LaneVehicle] = []
-    for v in sorted(vehicles, key=lambda v: -v.hits):
+    for v in sorted(vehicles, key=lambda v: (not v.moved, -v.hits)):
         if not any(
             k.approach == v.approach
             and k.lane == v.lane

@@ -218,7 +218,10 @@ def _evenly_lit(picture: Picture, window: int) -> Picture:
     """
     profile = np.maximum(_row_modes(picture), 1.0)[:, None]
     light = np.median(picture / profile, axis=0, keepdims=True).astype(np.float32)
-    light = cv2.blur(light, (2 * window + 1, 1), borderType=cv2.BORDER_REPLICATE)
+    # The median lets a bridge be a bridge, and not light.
+    size = min(4 * window + 1, 255)
+    levels = cv2.medianBlur(np.clip(light * 64, 0, 255).astype(np.uint8), size)
+    light = cv2.blur(levels.astype(np.float32) / 64, (size, 1), borderType=cv2.BORDER_REPLICATE)
     low, high = np.percentile(light, [5, 95])
     if high < CLOUD_RATIO * low:
         return picture
