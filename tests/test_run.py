@@ -235,7 +235,14 @@ def test_an_interrupted_run_leaves_valid_files_of_what_was_done(
     command = [sys.executable, "-m", "queuetail.cli", "run", str(flagger / "flight.mp4")]
     command += ["--telemetry", str(flagger / "telemetry.csv"), "--preset", "paper"]
     command += ["--site", str(small_site(tmp_path, flagger)), "--out", str(out)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        # A test run in the background of a shell inherits that Ctrl-C is ignored.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
+    )
     queue, deadline = out / "queue.csv", time.monotonic() + 60
     while not (queue.exists() and queue.stat().st_size > 2000) and time.monotonic() < deadline:
         assert process.poll() is None, process.communicate()[1]

@@ -70,7 +70,7 @@ def test_undrawable_scenarios_cost_no_time(
 
 def test_missing_extra_is_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(traffic.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"pip install 'queuetail\[sim\]'"):
+    with pytest.raises(InputError, match=r"pip install '\.\[sim\]'"):
         simulate(Scenario(), tmp_path)
 
 
