@@ -169,19 +169,23 @@ class Site(Settings):
 
 def read_site(path: Path) -> Site:
     """Read a site file; raises InputError with the file, the key and the mend."""
+    return parse_settings(Site, read_toml(path, "site file"), str(path))
+
+
+def read_toml(path: Path, kind: str) -> dict[str, Any]:
+    """Read a TOML file that should be a `kind`; raises InputError in those words."""
     try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
-        raise InputError(f"{path}: there is no such site file") from None
+        raise InputError(f"{path}: there is no such {kind}") from None
     except IsADirectoryError:
-        raise InputError(f"{path} is a folder, not a site file") from None
+        raise InputError(f"{path} is a folder, not a {kind}") from None
     except UnicodeDecodeError:
-        raise InputError(f"{path} is not a text file in UTF-8, so it is no site file") from None
+        raise InputError(f"{path} is not a text file in UTF-8, so it is no {kind}") from None
     except OSError as error:
-        raise InputError(f"{path}: the site file cannot be read ({error.strerror})") from None
+        raise InputError(f"{path}: the {kind} cannot be read ({error.strerror})") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not valid TOML: {error}") from None
-    return parse_settings(Site, raw, str(path))
 
 
 def parse_settings(model: type[T], raw: dict[str, Any], source: str) -> T:

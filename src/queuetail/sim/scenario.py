@@ -5,14 +5,12 @@ Every key has a default, so that a named scenario is a few lines; docs/simulator
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from queuetail.config import MPS_PER_MPH, Finite, LatLon, Settings, parse_settings
-from queuetail.errors import InputError
+from queuetail.config import MPS_PER_MPH, Finite, LatLon, Settings, parse_settings, read_toml
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -205,16 +203,7 @@ class Scenario(Settings):
 
 def read_scenario(path: Path) -> Scenario:
     """Read a scenario file; raises InputError with the file, the key and the mend."""
-    try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such scenario file") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not a text file in UTF-8, so it is no scenario") from None
-    except OSError as error:
-        raise InputError(f"{path}: the scenario cannot be read ({error.strerror})") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not valid TOML: {error}") from None
+    raw = read_toml(path, "scenario file")
     raw.setdefault("scenario", {})
     if isinstance(raw["scenario"], dict):
         raw["scenario"].setdefault("name", path.stem)
