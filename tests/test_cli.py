@@ -10,7 +10,8 @@ import av
 import numpy as np
 import pytest
 
-from queuetail.cli import main, parser, pixel
+from queuetail.cli import main, parser
+from queuetail.commands.recorded import pixel
 from short_flight import cut_flight
 
 LOG_HEAD = "t_s,lat,lon,height_agl_m,heading_deg,gimbal_pitch_deg,gimbal_roll_deg,hfov_deg\n"
