@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from enum import StrEnum
 
-from queuetail.types import Frame, Observation
+from queuetail.types import Frame, Observation, TelemetrySample
 
 
 class OutletState(StrEnum):
@@ -65,3 +65,6 @@ class Published:
     frame: Frame | None
     observation: Observation
     health: Health
+    telemetry: TelemetrySample | None = None  # what the pipeline was given with the frame
+    connection: int = 0  # counts the video connections of this run
+    pts_s: float | None = None  # the frame's own time in its connection's stream
