@@ -66,5 +66,5 @@ class Published:
     observation: Observation
     health: Health
     telemetry: TelemetrySample | None = None  # what the pipeline was given with the frame
-    connection: int = 0  # counts the video connections of this run
-    pts_s: float | None = None  # the frame's own time in its connection's stream
+    session: int = 0  # counts the video connections of this run
+    pts_s: float | None = None  # the frame's own time in its session's stream
