@@ -9,9 +9,10 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from queuetail.errors import InputError
+from queuetail.settings import Finite, Latitude, LatLon, Longitude, Metres2, Settings
 
 T = TypeVar("T", bound="Settings")
 
@@ -19,18 +20,6 @@ MPS_PER_MPH = 0.44704
 KM_PER_DEGREE = 111.0  # of latitude; of longitude it is less, which a sanity check may ignore
 MAX_LEG_KM = 100.0  # no road is straight for longer: a digit or a sign is wrong
 DEFAULT_QUEUE_SPEED_MPH = 25.0  # Messenger et al. (2023): where no limit is posted
-
-Latitude = Annotated[float, Field(ge=-90, le=90, allow_inf_nan=False)]
-Longitude = Annotated[float, Field(ge=-180, le=180, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-LatLon = tuple[Latitude, Longitude]
-Metres2 = tuple[Finite, Finite]
-
-
-class Settings(BaseModel):
-    """Base of every settings table: frozen, and unknown keys are errors."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class SiteInfo(Settings):

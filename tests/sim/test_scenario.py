@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from queuetail.config import Settings, parse_settings
+from queuetail.config import parse_settings
 from queuetail.errors import InputError
+from queuetail.settings import Settings
 from queuetail.sim import traffic
 from queuetail.sim.check import check_drawable
 from queuetail.sim.randomised import random_scenario

@@ -10,7 +10,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from queuetail.config import MPS_PER_MPH, Finite, LatLon, Settings, parse_settings, read_toml
+from queuetail.config import MPS_PER_MPH, parse_settings, read_toml
+from queuetail.settings import Finite, LatLon, Settings
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]

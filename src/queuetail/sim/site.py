@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from queuetail.config import Settings
+from queuetail.settings import Settings
 from queuetail.sim.axis import Axis
 from queuetail.sim.flight import TruePath
 from queuetail.sim.scenario import Scenario
