@@ -47,8 +47,8 @@ class LiveSink(Protocol):
 class StreamInfo:
     """One elementary stream of the incoming video, as a recorder needs it to write it again."""
 
-    connection: int  # as in Published: each has its own clock and perhaps its own codec
-    index: int  # of the stream within the connection
+    session: int  # as in Published: each connection has its own clock, perhaps its own codec
+    index: int  # of the stream within the session
     kind: str  # "video" or "data" (KLV)
     codec: str  # "h264", "klv", …; empty where it is not known
     time_base: Fraction
