@@ -13,6 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from queuetail.errors import InputError
 from queuetail.settings import Finite, Latitude, LatLon, Longitude, Metres2, Settings
+from queuetail.signs.settings import SignSite, SignsSettings, check_signs
 
 T = TypeVar("T", bound="Settings")
 
@@ -119,6 +120,13 @@ class Site(Settings):
     approach: tuple[ApproachSite, ...] = ()
     control_point: tuple[ControlPoint, ...] = ()
     paper: PaperSettings = PaperSettings()
+    sign: tuple[SignSite, ...] = ()
+    signs: SignsSettings = SignsSettings()
+
+    @model_validator(mode="after")
+    def _has_signs_that_fit(self) -> Site:
+        check_signs(self.sign, self.signs, {a.name for a in self.approach})
+        return self
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Site:
