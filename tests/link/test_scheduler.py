@@ -131,12 +131,12 @@ def test_a_value_that_cannot_be_sent_is_counted_and_does_not_block() -> None:
 def test_a_blocked_line_is_taken_as_slower_and_recovers() -> None:
     scheduler = RateScheduler(9600)
     drive(scheduler, 5.0)
-    for _ in range(5):
-        scheduler.line_blocked()
+    for tick in range(50):
+        scheduler.line_blocked(5 + tick / 20)
     assert scheduler.capacity_bytes_per_s < 400
     for tick in range(200):
-        scheduler.offer(Heading(1.0), 5 + tick / 10)
-        scheduler.next_frame(5 + tick / 10)
+        scheduler.offer(Heading(1.0), 8 + tick / 10)
+        scheduler.next_frame(8 + tick / 10)
     assert scheduler.capacity_bytes_per_s == 960
 
 

@@ -10,6 +10,7 @@ from queuetail.link.messages import Altitude, Attitude, Height, HeightSource, Li
 
 FRESH_S = 1.0
 TILT_LIMIT_DEG = 45.0  # beyond it the beam's slant says little of the height
+OTHER_S = 2.0  # a height of a worse source waits for so long for a better one
 PAIRS = 21  # of the lidar's and the altitude's height, for the offset between them
 MIN_RANGE_M = 0.2  # the LW20/C reads nothing nearer
 
@@ -26,9 +27,32 @@ class HeightFinder:
         self._altitude: tuple[float, float] | None = None  # time, metres above take-off
         self._lidar_s = -math.inf
         self._offsets: deque[float] = deque(maxlen=PAIRS)
+        self._best: tuple[float, HeightSource] | None = None
+        self._told_s = -math.inf
 
     def add(self, quantity: Quantity, t_s: float) -> Height | None:
-        """Take a quantity measured at `t_s`; return the height that it gives, if any."""
+        """Take a quantity measured at `t_s`; return the height to go by now, if it gives one.
+
+        A height that somebody else found counts before ours; of sources that differ only the best
+        one counts while it is heard, or the height would jump to and fro.
+        """
+        if isinstance(quantity, Height):
+            self._told_s = t_s
+            found: Height | None = quantity
+        else:
+            found = self._found(quantity, t_s)
+            if t_s - self._told_s <= OTHER_S:
+                return None
+        if found is None:
+            return None
+        if self._best is not None:
+            best_s, source = self._best
+            if found.source > source and t_s - best_s <= OTHER_S:
+                return None
+        self._best = t_s, found.source
+        return found
+
+    def _found(self, quantity: Quantity, t_s: float) -> Height | None:
         if isinstance(quantity, Attitude):
             cosine = math.cos(math.radians(quantity.roll_deg))
             cosine *= math.cos(math.radians(quantity.pitch_deg))

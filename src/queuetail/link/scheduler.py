@@ -89,7 +89,7 @@ class RateScheduler:
         self._sizes: deque[tuple[float, int]] = deque()
         self._due: dict[str, float] = {}
         self._rates: dict[str, float] = {}
-        self._replan_s = -math.inf
+        self._replan_s = self._blocked_s = -math.inf
         self._start_s: float | None = None
         self._budget_s: float | None = None  # until when the line is taken
         self._number = 0
@@ -123,8 +123,11 @@ class RateScheduler:
             return frame
         return None
 
-    def line_blocked(self) -> None:
-        """Say that the port did not take a frame in time: the line is slower than its baud rate."""
+    def line_blocked(self, now_s: float) -> None:
+        """Say that the port still holds what it was given: the line is slower than it says."""
+        if now_s - self._blocked_s < REPLAN_S:
+            return
+        self._blocked_s = now_s
         least = LEAST_SHARE * self._nominal
         self.capacity_bytes_per_s = max(self.capacity_bytes_per_s * BLOCKED, least)
         self._replan_s = -math.inf
@@ -154,12 +157,13 @@ class RateScheduler:
         start_s = now_s if self._start_s is None else self._start_s
         if now_s - start_s < WINDOW_S:
             return WISHES[header].rate_hz
-        return min(WISHES[header].rate_hz, len(offered) / WINDOW_S)
+        return min(WISHES[header].rate_hz, (len(offered) + 1) / WINDOW_S)
 
     def _plan(self, now_s: float) -> None:
         self._replan_s = now_s + REPLAN_S
-        grown = self.capacity_bytes_per_s * FREED
-        self.capacity_bytes_per_s = min(grown, self._nominal)
+        if now_s - self._blocked_s > REPLAN_S:
+            grown = self.capacity_bytes_per_s * FREED
+            self.capacity_bytes_per_s = min(grown, self._nominal)
         wanted = {header: self._wanted_hz(header, now_s) for header in self._offered}
         present = {header: rate for header, rate in wanted.items() if rate > 0}
         self._rates = fitted_rates(present, FILL * self.capacity_bytes_per_s)
