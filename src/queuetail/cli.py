@@ -6,10 +6,10 @@ import argparse
 import sys
 
 from queuetail import __version__
-from queuetail.commands import INTERRUPTED, measured, recorded
+from queuetail.commands import INTERRUPTED, measured, recorded, replay
 from queuetail.errors import InputError
 
-GROUPS = (recorded, measured)
+GROUPS = (recorded, measured, replay)
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -6,11 +6,12 @@ import hashlib
 import json
 import math
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
+from typing import Protocol
 
 import av
 import cv2
@@ -27,7 +28,7 @@ from queuetail.sinks import RunInfo, Sink
 from queuetail.sinks.standard import standard_sinks
 from queuetail.site_writer import site_toml
 from queuetail.stopwatch import Stopwatch
-from queuetail.types import Approach, Observation, Origin
+from queuetail.types import Approach, Frame, Observation, Origin, TelemetrySample
 from queuetail.video import VideoInfo
 
 CLOCK_SLACK_S = 0.002  # container clocks round to a millisecond
@@ -107,8 +108,16 @@ def _build(
         raise InputError(f"{site_file}: {error}") from None
 
 
+class Footage(Protocol):
+    """Frames in order of time, and what telemetry said at each: a flight, or a recording."""
+
+    def frames(self) -> Iterable[Frame]: ...
+
+    def telemetry_at(self, t_s: float) -> TelemetrySample: ...
+
+
 def process(
-    flight: Flight,
+    flight: Footage,
     pipeline: Pipeline,
     sinks: list[Sink],
     watch: Stopwatch,

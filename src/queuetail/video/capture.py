@@ -100,7 +100,7 @@ class VideoFile:
             start_s = seconds if start_s is None else start_s
             t_s = seconds - start_s
             if t_s > last_s:
-                yield _frame(index, t_s, self._in_first_size(picture), self.info.rotation_deg)
+                yield frame_of(index, t_s, self._in_first_size(picture), self.info.rotation_deg)
                 last_s, index = t_s, index + 1
             else:
                 repeated += 1
@@ -268,7 +268,8 @@ def _creation_time(container: InputContainer) -> datetime | None:
     return moment
 
 
-def _frame(index: int, t_s: float, picture: VideoFrame, rotation_deg: int) -> Frame:
+def frame_of(index: int, t_s: float, picture: VideoFrame, rotation_deg: int) -> Frame:
+    """Return a decoded picture as a frame: its luma where it lies, its colours on demand."""
     turns = rotation_deg // 90
 
     def bgr(width_px: int, height_px: int) -> Image:
