@@ -15,6 +15,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from pymavlink.dialects.v20 import common
+
 from queuetail.link.messages import Quantity
 from queuetail.onboard.source import Stamp
 
@@ -132,8 +134,6 @@ class Vehicle:
     """A small MAVLink vehicle that hovers and turns, and sends over UDP."""
 
     def __init__(self, port: int, system: int = 1) -> None:
-        from pymavlink.dialects.v20 import common
-
         self.dialect = common
         self.mav = common.MAVLink(self, system, 1)
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
+from types import ModuleType
 
 from queuetail import __version__
-from queuetail.commands import INTERRUPTED, measured, recorded, replay
+from queuetail.commands import INTERRUPTED, measured, onboard, recorded, replay
 from queuetail.errors import InputError
 
-GROUPS = (recorded, measured, replay)
+GROUPS = (recorded, measured, replay, onboard)
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run one command; return 0, or 2 with one sentence on standard error for bad input."""
-    arguments = parser().parse_args(argv)
+    words = sys.argv[1:] if argv is None else argv
+    # A companion computer has no memory for what other commands' parsers load, such as OpenCV.
+    groups = (onboard,) if words[:1] == ["onboard"] else GROUPS
+    arguments = parser(groups).parse_args(words)
     try:
         return int(arguments.command(arguments))
     except InputError as error:
@@ -27,14 +32,14 @@ def main(argv: list[str] | None = None) -> int:
         return 1
 
 
-def parser() -> argparse.ArgumentParser:
+def parser(groups: Sequence[ModuleType] = GROUPS) -> argparse.ArgumentParser:
     """Return the parser of all commands; docs and tests read its options from here."""
     top = argparse.ArgumentParser(
         prog="queuetail", description="Where is the end of the traffic queue?"
     )
     top.add_argument("--version", action="version", version=f"queuetail {__version__}")
     commands = top.add_subparsers(required=True, metavar="COMMAND")
-    for group in GROUPS:
+    for group in groups:
         group.add(commands)
     return top
 

@@ -1,4 +1,4 @@
-"""Bridges: JSON over UDP, and DJI's Cloud API through a real broker that is killed and restarted."""
+"""Bridges: JSON over UDP, and DJI's Cloud API through a real broker that is restarted."""
 
 from __future__ import annotations
 

@@ -266,4 +266,7 @@ def _wrapped(field_name: str, value: float) -> float:
     if field_name not in WRAP_FROM:
         return value
     low = WRAP_FROM[field_name]
-    return value if low <= value < low + 360.0 else (value - low) % 360.0 + low
+    if low <= value < low + 360.0:
+        return value
+    turned = (value - low) % 360.0 + low
+    return low if turned >= low + 360.0 else turned  # rounding of tiny negative angles
