@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from types import ModuleType
 
 from queuetail import __version__
-from queuetail.commands import INTERRUPTED, measured, onboard, recorded, replay
+from queuetail.commands import INTERRUPTED, history, measured, onboard, recorded, replay
 from queuetail.errors import InputError
 
-GROUPS = (recorded, measured, replay, onboard)
+GROUPS = (recorded, measured, replay, history, onboard)
 
 
 def main(argv: list[str] | None = None) -> int:
