@@ -38,6 +38,10 @@ OWNER = b"queuetail"
 ANY_MAY_REPLACE = 1  # the run-time priority of a default message
 
 
+class Overtaken(Exception):  # noqa: N818 - nothing went wrong
+    """The message was not activated: it is not wanted any more, or has to be sent anew."""
+
+
 @dataclass(frozen=True, slots=True)
 class Shown:
     """What a sign shows, by its own word."""
@@ -62,6 +66,7 @@ class SignClient:
         self._priority, self._phase_s = priority, phase_s
         self._stored: MessageId | None = None
         self._default = BLANK
+        self.is_prepared = False
 
     async def status(self) -> Shown:
         """Return what the sign shows now."""
@@ -107,17 +112,31 @@ class SignClient:
         )
         for oid in (ntcip.SHORT_POWER_MESSAGE, ntcip.LONG_POWER_MESSAGE, ntcip.RESET_MESSAGE):
             await self._try_set(oid, code, "keep its message for recovered power")
+        self.is_prepared = True
 
-    async def show(self, phases: Phases, minutes: int) -> Shown:
-        """Show phases for minutes, blank for none of them; return what the sign then shows."""
+    async def show(
+        self, phases: Phases, minutes: int, still_wanted: Callable[[], bool] = lambda: True
+    ) -> Shown:
+        """Show phases for minutes, blank for none of them; return what the sign then shows.
+
+        `still_wanted` is asked last before the message is activated; raises Overtaken if it is not,
+        or if the sign has lost what was stored in it.
+        """
         await self._check_mode()
         if not phases:
+            if not still_wanted():
+                raise Overtaken
             return await self._activated(BLANK, "", minutes=ntcip.INFINITE_MIN)
         multi = build(phases, self._phase_s)
         wanted = MessageId(Memory.CHANGEABLE, self._number, ntcip.crc(multi.encode("ascii")))
-        if self._stored != wanted or not await self._still_stored(wanted):
+        if self._stored == wanted and not await self._still_stored(wanted):
+            self.forget()
+            raise Overtaken  # the sign lost its memory, or somebody wrote over ours: begin anew
+        if self._stored != wanted:
             self._stored = None
             self._stored = await self._store(self._number, multi, self._priority)
+        if not still_wanted():
+            raise Overtaken
         return await self._activated(wanted, multi, minutes)
 
     async def show_default(self) -> Shown:
@@ -134,7 +153,7 @@ class SignClient:
 
     def forget(self) -> None:
         """Take nothing for granted: after a lost link the sign may be another one."""
-        self._stored = None
+        self._stored, self.is_prepared = None, False
 
     def close(self) -> None:
         """Release the socket."""
@@ -190,7 +209,7 @@ class SignClient:
 
     async def _activated(self, message: MessageId, multi: str, minutes: int) -> Shown:
         """Activate a message and read back what the sign shows."""
-        code = Activation(minutes, self._priority, message, _own_address(self._session.host))
+        code = Activation(minutes, self._priority, message, _own_address(self._session.peer_ip))
         try:
             await self._activate(code)
         except SnmpRefused as refused:
@@ -250,11 +269,11 @@ class SignClient:
             await self._session.set((oid, value), what=what)
 
 
-def _own_address(host: str) -> tuple[int, int, int, int]:
-    """Return the IPv4 address from which this machine reaches the host, for the sign's log."""
+def _own_address(peer_ip: str) -> tuple[int, int, int, int]:
+    """Return the IPv4 address from which this machine reaches the sign, for the sign's log."""
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.connect((host, 161))  # sends nothing
+            probe.connect((peer_ip, 161))  # sends nothing
             a, b, c, d = (int(part) for part in probe.getsockname()[0].split("."))
     except (OSError, ValueError):
         return 127, 0, 0, 1

@@ -71,7 +71,7 @@ class SignsSettings(Settings):
     duration_min: Annotated[int, Field(ge=1, le=10)] = 1
     refresh_s: Annotated[float, Field(ge=1, le=120)] = 20.0
     comm_loss_min: Annotated[int, Field(ge=1, le=60)] = 2
-    disarm_after_s: Annotated[float, Field(ge=5, le=3600)] = 120.0
+    disarm_after_s: Annotated[float, Field(ge=1, le=3600)] = 120.0
     dry_run: bool = False
 
     @model_validator(mode="after")

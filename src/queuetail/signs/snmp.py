@@ -82,6 +82,11 @@ class Session:
         ]
         await self._request(api.set_cmd, given, [oid for oid, _ in pairs], what)
 
+    @property
+    def peer_ip(self) -> str:
+        """The sign's address as a number, once it was looked up."""
+        return str(self._target.transport_address[0]) if self._target is not None else self.host
+
     def close(self) -> None:
         """Release the socket."""
         if self._engine is not None:
