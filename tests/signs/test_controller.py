@@ -123,8 +123,9 @@ def test_nothing_is_sent_until_an_operator_arms(
 
 
 def test_a_queue_forms_grows_passes_the_sign_dissolves(
-    agent: SignAgent, start: Callable[..., Run]
+    agent: SignAgent, start: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("queuetail.signs.machine.STEADY_S", 0.2)
     run = start(agent.address)
     run.controller.arming.arm("R. Roe")
     for answered, state, phases in (

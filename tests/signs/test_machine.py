@@ -83,8 +83,8 @@ def test_nothing_known_never_keeps_a_distance() -> None:
             assert wait is Wait.NOW
 
 
-@given(st.lists(st.tuples(st.sampled_from(list(E)), st.integers(1, 60)), max_size=60))
-@settings(max_examples=300, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from(list(E)), st.integers(1, 60)), max_size=20))
+@settings(max_examples=100, deadline=None)
 def test_a_sign_never_goes_back_at_once_to_less_warning(spells: list[tuple[E, int]]) -> None:
     """Whatever comes, a warning that began lasts, unless knowledge itself is lost."""
     machine, now_s, since_s = SignMachine(RELEASE_S), 0.0, 0.0
