@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from types import ModuleType
 
 from queuetail import __version__
-from queuetail.commands import INTERRUPTED, history, measured, onboard, recorded, replay
+from queuetail.commands import INTERRUPTED, history, live, measured, onboard, recorded, replay, sign
 from queuetail.errors import InputError
 
-GROUPS = (recorded, measured, replay, history, onboard)
+GROUPS = (recorded, live, measured, replay, history, onboard, sign)
 
 
 def main(argv: list[str] | None = None) -> int:

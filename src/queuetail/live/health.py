@@ -22,8 +22,8 @@ def unwell(newest: Published | None, health: Health) -> tuple[str, ...]:
     """Return a sentence for each thing that keeps answers from being made or delivered."""
     found = []
     if newest is None or newest.frame is None:
-        reasons = () if newest is None else newest.observation.registration.reason
-        found.append(str(reasons) or "there is no answer yet")
+        reason = newest.observation.registration.reason if newest else ""
+        found.append(reason or "there is no answer yet")
     elif health.frame_age_s is None or health.frame_age_s > STALL_S:
         found.append("no picture comes")
     for name in NEEDED:
