@@ -8,6 +8,7 @@ import re
 import zlib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -34,6 +35,7 @@ from queuetail.link.messages import (
     Status,
     header_of,
 )
+from queuetail.types import Ints
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 tenths = st.integers(0, 255).map(lambda n: n / 10)
@@ -198,3 +200,32 @@ def test_the_document_lists_every_kind_with_its_size() -> None:
         row = re.search(rf"^\| {IDS[kind.header]} \| `{kind.header}` \| (\d+)", text, re.M)
         assert row is not None, kind.header
         assert int(row[1]) == kind.lengths[0] + OVERHEAD_BYTES
+
+
+def syndromes(size: int) -> Ints:
+    """Return what each flipped bit of a frame of so many bytes does to its checksum."""
+    body = bytes(size - 4)
+    plain = zlib.crc32(body)
+    found = []
+    for bit in range(8 * len(body)):
+        flipped = bytearray(body)
+        flipped[bit // 8] ^= 1 << bit % 8
+        found.append(zlib.crc32(flipped) ^ plain)
+    return np.array(found + [1 << bit for bit in range(32)], np.int64)
+
+
+@pytest.mark.parametrize(("size", "flips"), [(22, 6), (45, 4)])
+def test_no_pattern_of_so_few_flips_is_missed(size: int, flips: int) -> None:
+    """The checksum is linear: if all patterns of half as many flips differ, none of so many is 0.
+
+    Proves the distances of docs/telemetry-link.md for the longest frame but STA, and for STA.
+    """
+    single = syndromes(size)
+    patterns = [np.zeros(1, np.int64), single]
+    first, second = np.triu_indices(len(single), 1)
+    pairs = single[first] ^ single[second]
+    patterns.append(pairs)
+    if flips == 6:
+        patterns += [pairs[second < third] ^ single[third] for third in range(len(single))]
+    everything = np.concatenate(patterns)
+    assert len(np.unique(everything)) == len(everything)

@@ -32,7 +32,7 @@ class Wish:
 WISHES: Mapping[str, Wish] = {
     "GMB": Wish(1, 10.0, 2.0),
     "POS": Wish(2, 10.0, 2.0),
-    "HGT": Wish(3, 10.0, 1.0),
+    "HGT": Wish(3, 10.0, 1.5),  # so that one may be lost before it is 1.5 s old
     "TIM": Wish(4, 1.0, 0.2),
     "STA": Wish(5, 1.0, 0.2),
     "HDG": Wish(6, 5.0, 1.0),
@@ -54,7 +54,7 @@ def fitted_rates(wanted_hz: Mapping[str, float], bytes_per_s: float) -> dict[str
     """Return the rates that fit the line.
 
     The least important quantity is halved until it reaches its floor, then the next one; where all
-    are at their floors, the least important are left out.
+    are at their floors, the least important are left out.  What is left over goes to the important.
     """
     rates = dict(wanted_hz)
     by_rank = sorted(rates, key=lambda header: -WISHES[header].priority)
@@ -71,6 +71,9 @@ def fitted_rates(wanted_hz: Mapping[str, float], bytes_per_s: float) -> dict[str
         if load() <= bytes_per_s:
             break
         rates[header] = 0.0
+    for header in reversed(by_rank):  # what halving left over goes to the most important first
+        spare = max(bytes_per_s - load(), 0.0)
+        rates[header] = min(rates[header] + spare / frame_bytes(header), wanted_hz[header])
     return rates
 
 

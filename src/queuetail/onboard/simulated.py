@@ -41,21 +41,21 @@ class SimulatedSource(Source):
     def __init__(self, path: Path) -> None:
         super().__init__(f"simulated flight {path}")
         self._readings = readings_of(path)  # read now, so that what is wrong is said at once
-        self.started_utc_s: float | None = None
 
     def _session(self) -> bool:
         started_s: float | None = None
+        started_utc_s = 0.0
         for t_s, quantities in self._readings:
             if started_s is None:
                 started_s = time.monotonic() - t_s
-                self.started_utc_s = time.time() - t_s
+                started_utc_s = time.time() - t_s
             if self._stopping.wait(max(started_s + t_s - time.monotonic(), 0.0)):
                 break
             now_s = time.monotonic()
             self._tick(t_s, started_s + t_s)
             for quantity in quantities:
                 self._hear(quantity, max(now_s, started_s + t_s), t_s)
-            self._hear(ClockTime(time.time(), ClockSource.GPS), now_s)
+            self._hear(ClockTime(started_utc_s + t_s, ClockSource.GPS), now_s, t_s)
         return False
 
 

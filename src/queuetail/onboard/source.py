@@ -49,6 +49,7 @@ class Source(ABC):
         self._thread: threading.Thread | None = None
         self._clocks: dict[Hashable, ClockEstimate] = {}
         self._utc = UtcEstimate()
+        self._utc_clock: ClockEstimate | None = None  # that UTC was told for
         self._heard_s: float | None = None
         self._quantities = 0
         self._sessions = 0
@@ -108,12 +109,15 @@ class Source(ABC):
         clock: Hashable = None,
     ) -> None:
         """Stamp a quantity and pass it on; `sent_s` is a time of the sender's clock `clock`."""
-        measured_s, utc_s = arrived_s, None
+        measured_s = arrived_s
         if sent_s is not None:
             measured_s = min(self._clocks[clock].received_s(sent_s) or arrived_s, arrived_s)
             if isinstance(quantity, ClockTime):
                 self._utc.add(sent_s, quantity.utc_s)
-            utc_s = self._utc.utc_s(sent_s)
+                self._utc_clock = self._clocks[clock]
+        utc_s = None
+        if self._utc_clock is not None:  # a gimbal's own clock may differ from the one with UTC
+            utc_s = self._utc.utc_s(measured_s - (self._utc_clock.offset_s or 0.0))
         self._heard_s = arrived_s
         self._quantities += 1
         self._error = ""
