@@ -1,8 +1,8 @@
-"""Kill a recording run again and again, and read what is left: `kill_recording.py [--count N]`.
+"""Kill a recording live run again and again, and read what is left: kill_recording.py [--count N].
 
-The run gets the bundled flight, paced in real time, and is killed with SIGKILL after a random time.
-Printed is how much the recording lacks of what the run had processed when it was killed, and
-whether the replay of what is left gives the recorded answers again.
+`queuetail live --realtime --record` gets the bundled flight and is killed with SIGKILL after a
+random time.  Printed is how long before the kill the last frame was taken that can be replayed,
+which counts the run's own delay, too; and whether the replay gives the recorded answers again.
 """
 
 from __future__ import annotations
@@ -15,16 +15,15 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
-from time import monotonic
+from time import monotonic, sleep
 
 import numpy as np
 
-from queuetail.live.recording import find_recording
 from queuetail.live.replay import replay
 
-ROOT = Path(__file__).resolve().parent.parent
-RUN = ROOT / "tests" / "live" / "live_run.py"
+FLAGGER = Path(__file__).resolve().parent.parent / "examples" / "flagger"
 START_WITHIN_S = 60.0
 
 
@@ -32,10 +31,9 @@ START_WITHIN_S = 60.0
 class Trial:
     """One kill and what was left."""
 
-    ran_s: float  # from the first answer to the kill
-    answered_s: float  # the time of the newest answer that the run reported before the kill
+    ran_s: float  # from the recording's first bytes to the kill
     frames: int  # that could be replayed
-    lost_s: float  # of answered frames, at the end
+    lost_s: float  # from the last of them to the kill
     is_same: bool
 
 
@@ -49,26 +47,24 @@ def trials(
 
 
 def _trial(parent: Path, run_s: float) -> Trial:
-    """Run, kill after `run_s` of answers, and replay."""
-    child = subprocess.Popen(
-        [sys.executable, str(RUN), str(parent)], stdout=subprocess.PIPE, text=True
-    )
-    assert child.stdout is not None
-    begun_s, answered_s = monotonic(), 0.0
-    end_s = begun_s + START_WITHIN_S
-    for line in child.stdout:
-        if answered_s == 0.0:
-            end_s = monotonic() + run_s
-        answered_s = float(line)
-        if monotonic() >= end_s:
-            break
+    """Run, kill `run_s` after the video's first bytes are on the disk, and replay."""
+    command = [sys.executable, "-m", "queuetail.cli", "live", str(FLAGGER / "flight.mp4")]
+    command += ["--telemetry", str(FLAGGER / "telemetry.csv"), "--realtime", "--loop"]
+    command += ["--site", str(FLAGGER / "site.toml"), "--no-store", "--port", "0"]
+    child = subprocess.Popen([*command, "--record", str(parent)], stdout=subprocess.DEVNULL)
+    end_s = monotonic() + START_WITHIN_S
+    while not any(p.stat().st_size for p in parent.glob("*/video-*")):
+        if child.poll() is not None or monotonic() > end_s:
+            raise RuntimeError("the live run did not begin to record")
+        sleep(0.01)
+    sleep(run_s)
+    killed_utc = datetime.now(UTC)
     child.send_signal(signal.SIGKILL)
-    rest = [float(line) for line in child.stdout.read().split()]  # said before it was killed
     child.wait()
-    child.stdout.close()
-    answered_s = max([answered_s, *rest])
-    result = replay(find_recording(parent))
-    return Trial(run_s, answered_s, result.frames, answered_s - result.duration_s, result.is_same)
+    result = replay(parent)
+    last_utc = max(f.utc for f in result.recording.frames if f.t_s <= result.duration_s)
+    lost_s = (killed_utc - last_utc).total_seconds()
+    return Trial(run_s, result.frames, lost_s, result.is_same)
 
 
 def main() -> None:

@@ -116,9 +116,17 @@ class Footage(Protocol):
     def telemetry_at(self, t_s: float) -> TelemetrySample: ...
 
 
+class Stepper(Protocol):
+    """A pipeline, or what stands for one."""
+
+    interval_s: float
+
+    def step(self, frame: Frame, telemetry: TelemetrySample) -> Observation: ...
+
+
 def process(
     flight: Footage,
-    pipeline: Pipeline,
+    pipeline: Stepper,
     sinks: list[Sink],
     watch: Stopwatch,
     progress: Progress,

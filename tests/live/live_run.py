@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import io
 import math
-import sys
 from collections.abc import Callable, Iterable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -15,9 +14,8 @@ import av
 
 from queuetail.config import read_site
 from queuetail.flight import open_flight
-from queuetail.live.mcap_records import RunAbout
 from queuetail.live.outlet import StreamInfo
-from queuetail.live.recorder import Limits, Recorder
+from queuetail.live.recorder import Recorder
 from queuetail.live.records import Health, Published
 from queuetail.presets import PRESETS
 from queuetail.types import Observation
@@ -105,21 +103,3 @@ def stream_info(stream: av.VideoStream, session: int) -> StreamInfo:
 def without_frame(published: Published, number: int) -> Published:
     """Return an answer as it is given while the stream is lost."""
     return dataclasses.replace(published, number=number, frame=None, telemetry=None, pts_s=None)
-
-
-def record(parent: Path) -> None:
-    """Record the bundled flight in real time, and tell the time of each answer."""
-    flight = Path(__file__).resolve().parents[2] / "examples" / "flagger"
-    site = read_site(flight / "site.toml")
-    about = RunAbout("road", site, "the bundled flight", datetime.now(UTC))
-    recorder = Recorder(parent, about, Limits(segment_s=4.0, keep_free_mb=10.0))
-
-    def tell(published: Published) -> None:
-        print(f"{published.observation.t_s:.6f}", flush=True)
-
-    play(flight, recorder, 60.0, is_paced=True, seen=tell)
-    recorder.close()
-
-
-if __name__ == "__main__":
-    record(Path(sys.argv[1]))

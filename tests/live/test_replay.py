@@ -13,6 +13,7 @@ from queuetail.cli import main
 from queuetail.errors import InputError
 from queuetail.live.mcap_file import McapFile, is_finished, read_mcap
 from queuetail.live.mcap_records import FORMAT, Record
+from queuetail.live.processing import NO_PLACE
 from queuetail.live.recording import find_recording, read_recording
 from queuetail.live.replay import first_difference, replay, summary
 from queuetail.live.segments import segment_paths
@@ -96,6 +97,40 @@ def test_telemetry_that_was_changed_changes_the_answers(recorded: Recorded, tmp_
 
     result = replay(rewritten(recorded[0], tmp_path / "changed", change))
     assert result.comparison.differing > 0
+
+
+def test_what_the_run_did_not_believe_is_not_believed_again(
+    recorded: Recorded, tmp_path: Path
+) -> None:
+    """Doubts come from clocks, which a replay does not have: they are part of the recording."""
+    doubt = "telemetry is 6 s old (position)"
+
+    def change(topic: str, record: Record) -> None:
+        if topic == "/answer" and record["t_s"] > 5.0:
+            record["doubts"] = [doubt]
+            for state in record["states"]:
+                state["reasons"] = [doubt, *state["reasons"]]
+                state["status"], state["eoq"] = "unknown", None
+
+    assert replay(rewritten(recorded[0], tmp_path / "doubted", change)).is_same
+
+
+def test_before_the_place_is_known_the_run_waits(recorded: Recorded, tmp_path: Path) -> None:
+    """As the live run: nothing is looked at, so that nothing is learnt."""
+    site_origin_gone: Record = {"approach": [], "control_point": []}
+
+    def change(topic: str, record: Record) -> None:
+        if topic == "/run":
+            record["site"] |= site_origin_gone
+        elif topic == "/frame" and record["t_s"] < 3.0:
+            record["telemetry"]["lat_deg"] = None
+        elif topic == "/answer" and record["t_s"] < 3.0:
+            unknown = {"approach": "", "status": "unknown", "reasons": [NO_PLACE], "eoq": None}
+            record["states"] = [unknown]
+
+    result = replay(rewritten(recorded[0], tmp_path / "late", change))
+    assert result.comparison.first is not None
+    assert result.comparison.first.t_s == pytest.approx(3.0, abs=0.05)  # the site was taken away
 
 
 def test_a_cut_recording_is_replayed_up_to_the_cut(recorded: Recorded, tmp_path: Path) -> None:

@@ -127,6 +127,7 @@ def answer_record(published: Published) -> Record:
         "t_s": published.observation.t_s,
         "utc": published.utc.isoformat(),
         "of_frame": published.frame is not None,
+        "doubts": list(published.doubts),
         "states": state_records(published.observation),
     }
 

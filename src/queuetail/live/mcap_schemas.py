@@ -108,6 +108,7 @@ ANSWER = _object(
     t_s=NUMBER,
     utc=UTC,
     of_frame={"type": "boolean"},
+    doubts=TEXTS,
     states={"type": "array", "items": STATE},
 )
 TELEMETRY = _object(

@@ -22,8 +22,7 @@ from queuetail.errors import InputError
 from queuetail.live.mcap_file import is_finished, read_mcap
 from queuetail.live.mcap_records import FORMAT, Record
 from queuetail.live.segments import CLOCK_WRAP_S, read_packets, segment_paths, source_time_s
-from queuetail.mapping import site_origin
-from queuetail.types import Frame, Origin, TelemetrySample
+from queuetail.types import Frame, TelemetrySample
 from queuetail.video.capture import frame_of
 
 DATA_FILES = "data-*.mcap"
@@ -52,10 +51,10 @@ class Recording:
     source: str
     started_utc: datetime
     version: str
-    origin: Origin | None = None
     size_px: tuple[int, int] = (0, 0)
     frames: list[RecordedFrame] = field(default_factory=list)
     states: dict[int, list[Record]] = field(default_factory=dict)  # by the answer's number
+    doubts: dict[int, tuple[str, ...]] = field(default_factory=dict)  # of those answers
     answers: int = 0  # also those that were given without a picture
     was_cut: bool = False
     missing: int = 0  # processed frames that the video does not hold; those after its end apart
@@ -117,15 +116,15 @@ def read_recording(folder: Path) -> Recording:
             elif message.topic == "/answer" and recording is not None:
                 recording.answers += 1
                 if message.record["of_frame"]:
-                    recording.states[int(message.record["number"])] = message.record["states"]
+                    number = int(message.record["number"])
+                    recording.states[number] = message.record["states"]
+                    recording.doubts[number] = tuple(message.record["doubts"])
     if recording is None:
         raise InputError(
             f"{folder}: nothing of the recording was written before it was cut off; "
             "there is nothing to replay"
         )
     recording.was_cut = not is_finished(files[-1])
-    if recording.origin is None:
-        recording.origin = site_origin(recording.site) or _first_place(recording.frames)
     return recording
 
 
@@ -148,8 +147,6 @@ def _begun(folder: Path, run: Record) -> Recording:
 def _add_frame(recording: Recording, record: Record) -> None:
     if record["pts_s"] is None:
         return
-    if recording.origin is None and record["origin"] is not None:
-        recording.origin = Origin(*record["origin"])
     if recording.size_px == (0, 0):
         width_px, height_px = record["size_px"]
         recording.size_px = (int(width_px), int(height_px))
@@ -170,14 +167,6 @@ def _sample(record: Record) -> TelemetrySample:
     values: dict[str, Any] = record["telemetry"] or {}
     t_s = record["telemetry_t_s"]
     return TelemetrySample(record["t_s"] if t_s is None else t_s, **values)
-
-
-def _first_place(frames: list[RecordedFrame]) -> Origin | None:
-    for frame in frames:
-        lat, lon = frame.telemetry.lat_deg, frame.telemetry.lon_deg
-        if lat is not None and lon is not None:
-            return Origin(lat, lon)
-    return None
 
 
 def _decoded(paths: list[Path]) -> Iterator[tuple[VideoFrame, float]]:

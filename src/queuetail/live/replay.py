@@ -14,16 +14,19 @@ from typing import Any
 from queuetail import __version__
 from queuetail.errors import InputError
 from queuetail.files import write_text
+from queuetail.live.blind import blind_observation, disbelieved
 from queuetail.live.mcap_records import Record, state_records
+from queuetail.live.processing import NO_PLACE
 from queuetail.live.recorder import finish_cut_recordings
 from queuetail.live.recording import RecordedFrame, Recording, find_recording, read_recording
+from queuetail.mapping import site_origin
 from queuetail.pipeline import Pipeline
 from queuetail.presets import PRESETS
 from queuetail.run import process, writable_folder
 from queuetail.sinks import RunInfo, Sink
 from queuetail.sinks.standard import standard_sinks
 from queuetail.stopwatch import Stopwatch
-from queuetail.types import Frame, Observation, TelemetrySample
+from queuetail.types import Frame, Observation, Origin, TelemetrySample
 
 # Another processor's last digits are no change of an answer; these are far below what is shown.
 SAME = {"lat_deg": 1e-10, "lon_deg": 1e-10}
@@ -124,7 +127,7 @@ def replay(
     chosen = preset or recording.preset
     started = perf_counter()
     watch = Stopwatch()
-    pipeline = _pipeline(recording, chosen, watch)
+    run = ReplayedRun(recording, chosen, watch.lap)
     comparison = Comparison(recording.states, {f.t_s: f.number for f in recording.frames})
     sinks: list[Sink] = [comparison]
     with ExitStack() as closing:
@@ -134,7 +137,7 @@ def replay(
         for sink in reversed(sinks):
             closing.callback(sink.close)
         frames, last_s, interrupted = process(
-            RecordedFlight(recording), pipeline, sinks, watch, progress
+            RecordedFlight(recording), run, sinks, watch, progress
         )
         if interrupted:
             raise KeyboardInterrupt
@@ -145,6 +148,33 @@ def replay(
     return ReplayResult(
         recording, chosen, frames, last_s, perf_counter() - started, comparison, tuple(notes)
     )
+
+
+class ReplayedRun:
+    """What a live run does around its pipeline: it waits for a place, begins anew, doubts."""
+
+    interval_s = 0.0  # which frames were looked at is part of the recording
+
+    def __init__(self, recording: Recording, preset: str, lap: Callable[[str], None]) -> None:
+        self._site, self._preset, self._lap = recording.site, preset, lap
+        self._origin = site_origin(recording.site)
+        self._names = tuple(a.name for a in recording.site.approach)
+        self._doubts = {f.t_s: recording.doubts.get(f.number, ()) for f in recording.frames}
+        self._pipeline: Pipeline | None = None
+        self._size = (0, 0)
+
+    def step(self, frame: Frame, telemetry: TelemetrySample) -> Observation:
+        """Answer as the live run would have."""
+        if self._origin is None and not self._site.control_point:
+            if telemetry.lat_deg is None or telemetry.lon_deg is None:
+                return blind_observation((), self._names, frame.t_s, NO_PLACE)
+            self._origin = Origin(telemetry.lat_deg, telemetry.lon_deg)
+        if self._pipeline is None or frame.size != self._size:
+            self._size = frame.size
+            build = PRESETS[self._preset]
+            self._pipeline = build(self._site, self._origin, *self._size, self._lap)
+        observation = self._pipeline.step(frame, telemetry)
+        return disbelieved(observation, self._doubts[frame.t_s])
 
 
 class RecordedFlight:
@@ -198,18 +228,6 @@ def _is_same(name: str, was: Any, now: Any) -> bool:
     if isinstance(was, float | int) and isinstance(now, float | int):
         return math.isclose(was, now, rel_tol=0.0, abs_tol=SAME.get(name, SAME_ELSE))
     return bool(was == now)
-
-
-def _pipeline(recording: Recording, preset: str, watch: Stopwatch) -> Pipeline:
-    site = recording.site
-    if recording.origin is None and not site.control_point:
-        raise InputError(
-            f"{recording.folder}: the recorded run never learned where the drone was; "
-            "there is nothing to replay"
-        )
-    pipeline = PRESETS[preset](site, recording.origin, *recording.size_px, watch.lap)
-    pipeline.interval_s = 0.0  # which frames were looked at is part of the recording
-    return pipeline
 
 
 def _run_info(out: Path, recording: Recording, preset: str) -> RunInfo:
