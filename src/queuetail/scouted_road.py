@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 
@@ -52,7 +53,7 @@ class SiteRoad:
         self._tried_s = frame.t_s
         foot, _ = camera_above_ground(mapping)
         found = align(self.approaches, self._scout.trajectories, foot)
-        if found is not None and _is_sure(found):
+        if found is not None and _is_sure(found, self._scout.doubt_m):
             self._accept(found)
 
     @property
@@ -83,9 +84,10 @@ class SiteRoad:
             self.approaches = tuple(dataclasses.replace(a) for a in self.approaches)
 
 
-def _is_sure(found: Alignment) -> bool:
-    """Tell whether enough vehicles were seen to move the road for them, or to leave it."""
-    sure = found.rotation_sigma_deg < SURE_DEG and found.shift_sigma_m < SURE_M
+def _is_sure(found: Alignment, doubt_m: float) -> bool:
+    """Tell whether enough vehicles were seen well to move the road for them, or to leave it."""
+    shift_sigma_m = math.hypot(found.shift_sigma_m, doubt_m)
+    sure = found.rotation_sigma_deg < SURE_DEG and shift_sigma_m < SURE_M
     return sure and found.vehicles >= SURE_VEHICLES
 
 

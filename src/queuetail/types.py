@@ -184,11 +184,12 @@ class RoadRaster:
 
 @dataclass(frozen=True, slots=True)
 class Masks:
-    """What is not road (255), and which of it is brighter than road: surely no cast shadow."""
+    """What is not road (255), which of it is brighter than road, and which is cast shadow."""
 
     foreign: Image
     bright: Image
-    contrast: NDArray[np.float32]  # how far from road, in grey levels
+    shade: Image
+    contrast: NDArray[np.float32]  # how far from road, as a share of its brightness
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,7 +203,9 @@ class LaneDetections:
     row: Floats  # (n,) of its middle
     cut_rear: Bools  # (n,) it reaches out of the picture upstream
     cut_front: Bools  # (n,)
-    contrast: Floats  # (n,) mean difference from road, in grey levels
+    contrast: Floats  # (n,) mean difference from road, as a share of its brightness
+    body: Floats  # (n,) share of its columns that show more than cast shadow
+    shadow: Bools  # (n,) it is only the shadow of what is beside it
 
     def __len__(self) -> int:
         return len(self.band)
@@ -219,7 +222,9 @@ class RoadPoints:
     offset_m: Floats  # (n,)
     cut_rear: Bools  # (n,)
     cut_front: Bools  # (n,)
-    contrast: Floats  # (n,) grey levels
+    contrast: Floats  # (n,) share of the road's brightness
+    body: Floats  # (n,) share of its length that shows more than cast shadow
+    shadow: Bools  # (n,) it is only the shadow of what is beside it
     spans: dict[int, tuple[float, float]]
     boxes_px: Floats  # (n, 4) in input-video pixels
 

@@ -126,6 +126,7 @@ def no_protection(of: Band) -> Image:
     return np.zeros((of.rows[1], of.columns), np.uint8)
 
 
-def masks_of(foreign: Image, bright: Image | None = None) -> Masks:
+def masks_of(foreign: Image, bright: Image | None = None, shade: Image | None = None) -> Masks:
     shine = foreign if bright is None else bright
-    return Masks(foreign, shine, foreign.astype(np.float32) / 5)
+    none = np.zeros_like(foreign) if shade is None else shade
+    return Masks(foreign, shine, none, foreign.astype(np.float32) / 500)

@@ -13,6 +13,7 @@ from queuetail.types import Band, Floats, Image, LaneDetections, Masks
 from queuetail.vision.lanes import (
     LEAN_HEIGHT_M,
     LaneDetector,
+    bridged,
     dark_ends,
     fill_outlines,
     footprints,
@@ -200,7 +201,41 @@ def test_without_sun_nothing_is_cut() -> None:
 )
 def test_dark_ends(shine: list[float], expected: tuple[float, float] | None) -> None:
     array: Floats = np.array(shine)
-    assert dark_ends(array) == expected
+    assert dark_ends(array, 0.3, 0.3) == expected
+
+
+def test_cast_shade_on_the_next_lane_is_marked_and_shortens_nothing() -> None:
+    """A low sun: the car's shadow covers the lane beside it, and some road behind the car."""
+    foreign, shade = empty(), empty()
+    for lane, rear, length in ((2, 185, 15), (1, 180, 35)):
+        shade[car_box(ROAD, lane, rear, length)] = 255
+    foreign[car_box(ROAD, 2, 200)] = 255
+    foreign |= shade
+    bright = cv2.subtract(foreign, shade)
+    detector = LaneDetector()
+    for _ in range(5):
+        found = detector.find(masks_of(foreign, bright, shade), raster(foreign, ROAD))
+    assert found.lane[found.shadow].tolist() == [1]
+    assert found.body[found.shadow].tolist() == [0.0]
+    assert found.rear_column[~found.shadow] == pytest.approx([200], abs=2)
+
+
+def test_a_lone_dark_thing_is_not_marked_as_a_shadow() -> None:
+    foreign = empty()
+    foreign[car_box(ROAD, 1, 200)] = 255
+    found = LaneDetector().find(masks_of(foreign, empty(), foreign), raster(foreign, ROAD))
+    assert found.shadow.tolist() == [False]
+    assert found.body.tolist() == [0.0]
+
+
+@pytest.mark.parametrize(
+    ("gap", "line", "joined"), [(8, True, True), (8, False, False), (40, True, False)]
+)
+def test_a_dark_sill_joins_what_windows_and_bonnet_show(gap: int, line: bool, joined: bool) -> None:
+    on = np.zeros(100, np.uint8)
+    on[10:20] = on[20 + gap : 30 + gap] = 1
+    under = np.full(100, line, np.bool_)
+    assert bool(bridged(on, under, 15.0)[20 : 20 + gap].all()) is joined
 
 
 def lorry(lean: tuple[float, float], height_m: float, beside: bool) -> tuple[Image, Band]:
@@ -223,9 +258,20 @@ def test_the_side_of_a_tall_vehicle_is_no_vehicle_in_the_lane_behind() -> None:
     assert sorted(find(mask, of).lane.tolist()) == [1, 2]
 
 
+def test_a_car_joined_to_the_side_of_a_tall_vehicle_is_kept() -> None:
+    mask, of = lorry((0.0, -5.5), 4.0, beside=False)
+    car = empty(of)
+    car[car_box(of, 1, 165, 36)] = 255  # from behind the lorry up to where its side begins
+    mask = np.maximum(mask, smeared(car, (0.0, -5.5), LEAN_HEIGHT_M))
+    found = find(mask, of)
+    assert sorted(found.lane.tolist()) == [1, 2]
+    assert found.rear_column[found.lane == 1] == pytest.approx([165], abs=2)
+
+
 def test_contrast_is_that_of_the_vehicle() -> None:
     mask = empty()
     mask[car_box(ROAD, 1, 100)] = 255
-    levels = np.where(mask > 0, 60.0, 0.0).astype(np.float32)
-    found = LaneDetector().find(Masks(mask, mask, levels), raster(mask, ROAD))
-    assert found.contrast[0] == pytest.approx(60.0, abs=8.0)
+    share = np.where(mask > 0, 0.6, 0.0).astype(np.float32)
+    masks = Masks(mask, mask, np.zeros_like(mask), share)
+    found = LaneDetector().find(masks, raster(mask, ROAD))
+    assert found.contrast[0] == pytest.approx(0.6, abs=0.08)

@@ -32,8 +32,9 @@ def detections(columns: Floats, row: float) -> LaneDetections:
     cut = np.zeros(n, np.bool_)
     band = np.zeros(n, np.int64)
     return LaneDetections(
-        band, band + 1, columns, columns + 30.0, np.full(n, row), cut, cut, np.full(n, 50.0)
-    )
+        band, band + 1, columns, columns + 30.0, np.full(n, row), cut, cut,
+        np.full(n, 0.5), np.ones(n), cut,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("approach", APPROACHES.values(), ids=APPROACHES.keys())

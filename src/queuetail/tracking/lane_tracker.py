@@ -11,6 +11,8 @@ import numpy as np
 from queuetail.geo.ground import enu_to_px
 from queuetail.tracking.lane_vehicle import (
     FIRST_SPEED_SIGMA_MPS,
+    LEAST_BODY,
+    SHADE_KNOWN_S,
     STANDING_MPS,
     Interval,
     LaneVehicle,
@@ -18,6 +20,7 @@ from queuetail.tracking.lane_vehicle import (
     correct_one,
     overlap_m,
     overlaps,
+    owns,
     same_place,
     shared,
     without_doubles,
@@ -31,12 +34,14 @@ SLOT_M = 7.2  # a standing car with its gap, where nothing else tells merged car
 CONFIRM_HITS, CONFIRM_S, CONFIRM_SPEED_SIGMA_MPS = 4, 0.3, 2.5
 COLD_START_S = 2.0
 ENTRY_M = 20.0  # from the upstream end of what is seen, where vehicles may first show up
-APPARITION_S, MOVED_M = 6.0, 2.5
-COAST_S = 1.2  # without a trace in the picture
-HIDDEN_S = 20.0  # behind a tall vehicle, or under a bridge
+APPARITION_S = 6.0
+COAST_S, TENTATIVE_COAST_S = 1.2, 0.25  # without a trace in the picture
+TALL_LENGTH_M, TALL_HEIGHT_M, HIDING_LEAN_M = 6.5, 4.0, 0.8
+HIDDEN_S, HIDDEN_DRIVING_S = 20.0, 3.0  # behind a tall vehicle, or under a bridge
 DRIVING_MPS = 4.0
 CONTRAST_RATE = 0.2
-STAIN_LEVELS, MIN_STANDING_M = 20.0, 2.8
+STAIN_CONTRAST, MIN_STANDING_M = 0.17, 2.8
+SHADE_HIDDEN_S = 3.0
 SAME_PLACE = 0.45  # overlap, as a share of the shorter, at which one drives through the other
 
 
@@ -53,7 +58,8 @@ class LaneTracker:
 
     def footprints(self) -> list[tuple[int, int, float, float]]:
         """Return (approach, lane, rear, front) of every vehicle that the background must keep."""
-        return [(v.approach, v.lane, v.rear_m, v.front_m) for v in self._vehicles if not v.mark]
+        kept = (v for v in self._vehicles if not (v.mark or v.only_shade))
+        return [(v.approach, v.lane, v.rear_m, v.front_m) for v in kept]
 
     def update(self, points: RoadPoints, scene: Scene) -> Tracks:
         """Move all vehicles to the frame's time, take in what was measured, return them all."""
@@ -72,12 +78,12 @@ class LaneTracker:
         left: list[Interval] = []
         for key in sorted(set(lanes) | set(measured)):
             left += self._update_lane(key, measured.get(key, []), scene.t_s, dt_s)
-        left = self._changed_lanes(left, scene.t_s)
+        left = self._changed_lanes([i for i in left if not i.shadow], scene.t_s)
         for interval in left:
             begin_m = points.spans.get(interval.approach, (-np.inf, np.inf))[0]
             self._start(interval, begin_m, scene.t_s)
         self._unmask()
-        self._retire(points, scene.t_s)
+        self._retire(points, _hidden_lanes(scene.raster), scene.t_s)
         return self._tracks(scene)
 
     def _update_lane(
@@ -89,7 +95,8 @@ class LaneTracker:
         )
         unclaimed = []
         for interval in intervals:
-            inside = [v for v in vehicles if overlaps(v, interval)]
+            inside = [v for v in vehicles if owns(v, interval, t_s)]
+            inside = inside[:1] or [v for v in vehicles if overlaps(v, interval)]
             if not inside:
                 unclaimed.append(interval)
                 continue
@@ -99,6 +106,7 @@ class LaneTracker:
                 correct_many(inside, interval)
             for vehicle in inside:
                 vehicle.contrast += CONTRAST_RATE * (interval.contrast - vehicle.contrast)
+                vehicle.body += CONTRAST_RATE * (interval.body - vehicle.body)
                 vehicle.hits += 1
                 vehicle.seen_s = t_s
         return unclaimed
@@ -159,6 +167,7 @@ class LaneTracker:
                     mark=any(same_place(interval, place) for place in self._driven),
                     born_at_m=rear,
                     contrast=interval.contrast,
+                    body=interval.body,
                 )
             )
             self._next_id += 1
@@ -199,36 +208,49 @@ class LaneTracker:
                 thing.mark, thing.confirmed = True, False
                 self._driven.append(place)
 
-    def _retire(self, points: RoadPoints, t_s: float) -> None:
+    def _retire(self, points: RoadPoints, hides: dict[int, int], t_s: float) -> None:
         """Confirm what was seen often enough and let go of what left or was lost."""
         kept = []
         for v in self._vehicles:
-            if abs(v.rear_m - v.born_at_m) > MOVED_M:
-                v.moved, v.apparition, v.mark = True, False, False
+            if v.hits <= CONFIRM_HITS:
+                v.born_at_m = v.rear_m  # until then it may slip along what it was first seen in
+            elif v.speed_mps > STANDING_MPS:
+                v.way_m = max(v.way_m, v.rear_m - v.born_at_m)
+            if v.moved:
+                v.apparition = v.mark = False
             settled = v.var_speed < CONFIRM_SPEED_SIGMA_MPS**2 and v.hits >= CONFIRM_HITS
             wait_s = APPARITION_S if v.apparition else CONFIRM_S
-            # What has never moved must look like a vehicle: stains are flat, and small.
-            settled &= v.moved or (v.contrast >= STAIN_LEVELS and v.length_m >= MIN_STANDING_M)
+            settled &= v.moved or _looks_like_a_vehicle(v)
+            v.confirmed &= v.moved or _looks_like_a_vehicle(v, 0.75)
             if settled and t_s - v.born_s >= wait_s and not v.mark:
                 v.confirmed = True
             begin_m, end_m = points.spans.get(v.approach, (-np.inf, np.inf))
             gone = v.rear_m > end_m - 1.0 or v.front_m < begin_m - 1.0
             unseen_s = t_s - v.seen_s
-            limit_s = COAST_S if v.confirmed else 0.25
-            if v.confirmed and any(
-                t.approach == v.approach
-                and t is not v
-                and t.seen_s == t_s
-                and abs(t.lane - v.lane) == 1
-                and t.length_m > 6.5
-                and t.rear_m - 2 < v.rear_m
-                and v.front_m < t.front_m + 2
-                for t in self._vehicles
-            ):
-                limit_s = HIDDEN_S
+            limit_s = COAST_S if v.confirmed else TENTATIVE_COAST_S
+            if v.only_shade and t_s - v.born_s > SHADE_KNOWN_S:
+                limit_s = SHADE_HIDDEN_S  # a vehicle drives through it, and must not become it
+            hider = self._hider(v, hides.get(v.approach, 0), t_s) if v.confirmed else None
+            if hider is not None:
+                limit_s = HIDDEN_S if hider.speed_mps < DRIVING_MPS else HIDDEN_DRIVING_S
             if not gone and unseen_s <= limit_s:
                 kept.append(v)
         self._vehicles = without_doubles(kept)
+
+    def _hider(self, v: LaneVehicle, step: int, t_s: float) -> LaneVehicle | None:
+        """Return the tall vehicle that a vehicle may be hidden behind, `step` lanes before it."""
+        for t in self._vehicles:
+            if (
+                t is not v
+                and t.approach == v.approach
+                and t.seen_s == t_s
+                and v.lane - t.lane == step != 0
+                and t.length_m > TALL_LENGTH_M
+                and t.rear_m - 2 < v.rear_m
+                and v.front_m < t.front_m + 2
+            ):
+                return t
+        return None
 
     def _tracks(self, scene: Scene) -> Tracks:
         approaches = self._approaches
@@ -258,6 +280,21 @@ class LaneTracker:
             sigma_m=np.sqrt(np.array([v.var_station for v in rows])),
             length_m=np.array([v.length_m for v in rows]),
         )
+
+
+def _hidden_lanes(raster: RoadRaster) -> dict[int, int]:
+    """Say of each approach which lane a tall vehicle hides: the next (+1, -1) or none (0)."""
+    steps = {}
+    for band in raster.bands:
+        lean_m = float(np.median(band.lean_px[:, 1])) * TALL_HEIGHT_M / raster.px_per_m
+        steps[band.approach_index] = round(np.sign(lean_m)) if abs(lean_m) > HIDING_LEAN_M else 0
+    return steps
+
+
+def _looks_like_a_vehicle(thing: LaneVehicle, slack: float = 1.0) -> bool:
+    """Tell whether what has never moved may be a vehicle: stains are flat, shadows all dark."""
+    marked = thing.contrast >= slack * STAIN_CONTRAST and thing.body >= slack * LEAST_BODY
+    return marked and thing.length_m >= slack * MIN_STANDING_M
 
 
 def _state(vehicle: LaneVehicle, t_s: float) -> TrackState:
@@ -293,6 +330,8 @@ def _by_lane(points: RoadPoints) -> dict[tuple[int, int], list[Interval]]:
         points.cut_rear.tolist(),
         points.cut_front.tolist(),
         points.contrast.tolist(),
+        points.body.tolist(),
+        points.shadow.tolist(),
         strict=True,
     )
     for row in rows:

@@ -19,6 +19,9 @@ FIRST_SPEED_SIGMA_MPS = 15.0
 GATE_M, GATE_SIGMAS = 2.5, 3.5
 LENGTH_STEP_M = 3.2  # longer than known by this much for a while: another vehicle is inside
 STANDING_MPS = 0.7
+LEAST_BODY, SURE_BODY = 0.15, 0.4  # share that is more than shade: below all may be, above not
+MOVED_M, SHADE_MOVED_M = 2.5, 12.0  # a tree's shadow sways, and goes nowhere
+SHADE_KNOWN_S, SHADE_SWAY_M = 1.5, 1.5
 LENGTH_RATE, OFFSET_RATE = 0.15, 0.08
 
 
@@ -43,14 +46,25 @@ class LaneVehicle:
     longer_s: float = 0.0
     apparition: bool = False  # came out of nothing in mid-view, and has not moved since
     mark: bool = False  # stands where others have driven through: a stain, until it moves
-    moved: bool = False
-    contrast: float = 0.0  # of its interval, in grey levels
+    way_m: float = 0.0  # the farthest that it was from where it was born
+    contrast: float = 0.0  # of its interval, as a share of the road's brightness
+    body: float = 1.0  # share of its interval that shows more than cast shadow
     born_at_m: float = 0.0
     confirmed: bool = False
 
     @property
     def front_m(self) -> float:
         return self.rear_m + self.length_m
+
+    @property
+    def moved(self) -> bool:
+        """Whether it went a way, as only vehicles do."""
+        return self.way_m > (MOVED_M if self.body >= LEAST_BODY else SHADE_MOVED_M)
+
+    @property
+    def only_shade(self) -> bool:
+        """Whether it looks like a shadow and has not moved like a vehicle."""
+        return self.body < LEAST_BODY and not self.moved
 
     def predict(self, dt_s: float) -> None:
         self.rear_m += self.speed_mps * dt_s
@@ -87,6 +101,8 @@ class Interval:
     cut_rear: bool
     cut_front: bool
     contrast: float = 0.0
+    body: float = 1.0  # share of it that shows more than cast shadow
+    shadow: bool = False  # it is only the shadow of what is beside it
 
 
 def correct_one(vehicle: LaneVehicle, interval: Interval, dt_s: float) -> list[Interval]:
@@ -166,9 +182,23 @@ def shared(vehicle: LaneVehicle, interval: Interval) -> float:
 
 def overlaps(vehicle: LaneVehicle, interval: Interval) -> bool:
     """Tell whether a vehicle may be what the interval shows."""
+    low, high = sorted((vehicle.body, interval.body))
+    if low < LEAST_BODY and high >= SURE_BODY:
+        return False  # one is a shadow, the other throws one
     if shared(vehicle, interval) >= 0.4:
         return True
     return not vehicle.confirmed and -overlap_m(vehicle, interval) < min(vehicle.gate_m(), 6.0)
+
+
+def owns(thing: LaneVehicle, interval: Interval, t_s: float) -> bool:
+    """Tell whether an interval is the shadow that has been lying there: no passing vehicle."""
+    return (
+        interval.body < LEAST_BODY
+        and thing.only_shade
+        and t_s - thing.born_s > SHADE_KNOWN_S
+        and abs(interval.rear_m - thing.rear_m) < SHADE_SWAY_M
+        and abs(interval.front_m - thing.front_m) < SHADE_SWAY_M
+    )
 
 
 def same_place(interval: Interval, place: Interval) -> bool:
@@ -184,8 +214,9 @@ def without_doubles(vehicles: list[LaneVehicle]) -> list[LaneVehicle]:
     """Of two vehicles of a lane at one place keep the one that moved, then the more often seen."""
     kept: list[LaneVehicle] = []
     for v in sorted(vehicles, key=lambda v: (not v.moved, -v.hits)):
-        if not any(
-            k.approach == v.approach
+        if v.only_shade or not any(
+            not k.only_shade
+            and k.approach == v.approach
             and k.lane == v.lane
             and min(k.front_m, v.front_m) - max(k.rear_m, v.rear_m)
             > 0.5 * min(k.length_m, v.length_m)

@@ -96,7 +96,10 @@ class QueueWatch:
             if vehicles.rear_station_m[i] < begin_m + ENTRY_M and speed > STANDING_MPS:
                 continue
             memory = self._memories.setdefault(track_id, _Memory())
-            step(memory, speed, t_s, self._speed_mps)
+            if vehicles.tracks.states[i] is TrackState.COASTING and not memory.queued:
+                memory.since_s = None  # the speed of what is not seen is a guess
+            else:
+                step(memory, speed, t_s, self._speed_mps)
             result[i] = memory.queued
         if len(self._memories) > 4 * len(ids) + 100:
             alive = set(ids)

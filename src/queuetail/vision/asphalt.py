@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from queuetail.types import Band, Bools, Image, Masks, RoadRaster
+from queuetail.vision.shade import CastShade
 
 Picture = NDArray[np.float32]
 
@@ -20,6 +21,7 @@ SETTLE_S = 0.6  # learning time while the model is young
 LEARN_S = 6.0  # and later: slow enough to average noise, fast enough for moving light
 YOUNG_S = 3.0
 CHECK_S, STILL_S, STILL_LEVELS = 0.4, 4.0, 8.0  # for what differs but is no vehicle
+STILL_SHADE_S = 8.0
 GHOST_S, GHOST_EDGES = 1.1, 1.8  # how much stronger a ghost's edges are in the learnt road
 VEHICLE_EDGES = 11.0  # grey levels of slope that a learnt vehicle has, and asphalt has not
 EDGE_WINDOW_M, EDGE_FLOOR = 1.6, 2.0
@@ -44,6 +46,7 @@ class RoadBackground:
         self._bands: tuple[Band, ...] = ()
         self._noise = 2.0
         self._began_s = self._last_s = 0.0
+        self._shade = CastShade()
 
     def apply(self, raster: RoadRaster, t_s: float, protect: Image) -> Masks:
         """Return what is not road in this frame.
@@ -52,18 +55,19 @@ class RoadBackground:
         """
         image = raster.image
         if not raster.bands:
-            return Masks(image, image, image.astype(np.float32))
+            return Masks(image, image, image, image.astype(np.float32))
         if self._layout is None or self._layout.plan != raster.plan:
             self._start(raster, t_s)
         self._layout, self._bands = raster, raster.bands
         self._light(image, protect)
         difference = cv2.subtract(image, self._lit, dtype=cv2.CV_32F)
-        contrast = cv2.absdiff(difference, 0.0)
-        foreign = cv2.compare(contrast, self._threshold, cv2.CMP_GT)
+        foreign = cv2.compare(cv2.absdiff(difference, 0.0), self._threshold, cv2.CMP_GT)
         foreign &= cv2.compare(image, 0, cv2.CMP_GT)
         bright = cv2.compare(difference, self._threshold, cv2.CMP_GT)
-        self._learn(image, foreign, protect, t_s)
-        return Masks(foreign, bright, contrast)
+        share = cv2.divide(image, self._lit, dtype=cv2.CV_32F)
+        shade = self._shade.mask(share, cv2.bitwise_and(foreign, cv2.bitwise_not(bright)))
+        self._learn(image, foreign, shade, protect, t_s)
+        return Masks(foreign, bright, shade, cv2.absdiff(share, 1.0))
 
     def _start(self, raster: RoadRaster, t_s: float) -> None:
         """Believe the first picture where it looks like its row's road, and the row elsewhere.
@@ -76,6 +80,7 @@ class RoadBackground:
         self._lit = np.zeros(image.shape, np.float32)
         self._threshold = np.full(image.shape, MIN_THRESHOLD, np.float32)
         self._covered = np.zeros(image.shape, np.uint8)
+        self._bare = np.zeros(image.shape, np.uint8)  # where sunlit road was seen
         self._before = image.copy()
         self._still_s = np.zeros(image.shape, np.float32)
         self._checked_s = t_s
@@ -116,11 +121,14 @@ class RoadBackground:
             self._gain[number, : band.columns] = np.clip(gain, *GAIN_LIMITS)
             np.multiply(self._road[part], self._gain[number, : band.columns], out=self._lit[part])
 
-    def _learn(self, image: Image, foreign: Image, protect: Image, t_s: float) -> None:
+    def _learn(
+        self, image: Image, foreign: Image, shade: Image, protect: Image, t_s: float
+    ) -> None:
         dt_s, self._last_s = max(t_s - self._last_s, 0.0), t_s
         self._covered = cv2.dilate(cv2.bitwise_or(foreign, protect), self._grow)
         seen = cv2.compare(image, 0, cv2.CMP_GT)
         free = cv2.bitwise_and(cv2.bitwise_not(self._covered), seen)
+        cv2.bitwise_or(self._bare, free, dst=self._bare)
         young = t_s - self._began_s < YOUNG_S
         rate = 1.0 - float(np.exp(-dt_s / (SETTLE_S if young else LEARN_S)))
         for number, band in enumerate(self._bands):
@@ -129,19 +137,22 @@ class RoadBackground:
             unlit = unlit.astype(np.float32, copy=False)
             cv2.accumulateWeighted(unlit, self._road[part], rate, free[part])
         if t_s - self._checked_s >= CHECK_S:
-            self._accept_still(image, cv2.bitwise_and(foreign, seen), protect, t_s)
+            self._accept_still(image, cv2.bitwise_and(foreign, seen), shade, protect, t_s)
         residual = cv2.absdiff(image.astype(np.float32), self._lit)[::6, ::6]
         calm = residual[free[::6, ::6] > 0]
         if len(calm) > 50:
             self._noise += 0.1 * (1.48 * float(np.median(calm)) - self._noise)
         self._refresh_threshold()
 
-    def _accept_still(self, image: Image, foreign: Image, protect: Image, t_s: float) -> None:
+    def _accept_still(
+        self, image: Image, foreign: Image, shade: Image, protect: Image, t_s: float
+    ) -> None:
         """Take for road what differs and stands still, if it is no vehicle or only a ghost.
 
         Markings and stains that the first picture did not explain are learnt after a while.  A
         ghost, the place of a vehicle that was learnt and has left, shows the edges of a vehicle in
-        the road that was learnt and none in the picture; it is learnt at once.
+        the road that was learnt and none in the picture; it is learnt at once.  A gantry's shadow
+        is learnt in time, if it lay there from the first; a tree's sways, a vehicle's leaves.
         """
         still = cv2.compare(cv2.absdiff(image, self._before), STILL_LEVELS, cv2.CMP_LT)
         self._still_s += t_s - self._checked_s
@@ -155,7 +166,8 @@ class RoadBackground:
         ghost = (ghost & (unlike < PRIOR_TOLERANCE)) | (unlike < PLAIN_TOLERANCE)
         stain = free & (unlike < STAIN_TOLERANCE)
         accepted = (self._still_s >= STILL_S) & stain | (self._still_s >= GHOST_S) & ghost
-        accepted &= foreign > 0
+        accepted &= (foreign > 0) & (shade == 0)
+        accepted |= free & (shade > 0) & (self._bare == 0) & (self._still_s >= STILL_SHADE_S)
         for number, band in enumerate(self._bands):
             part = np.s_[band.rows[0] : band.rows[1], : band.columns]
             unlit = image[part] / self._gain[number, : band.columns]

@@ -43,7 +43,7 @@ class Canvas:
         self._known = np.zeros(shape, np.uint8)
         self._still = np.zeros(shape, np.uint8)
         self._pictures = 0
-        self.shade: Floats = np.ones(shape, np.float32)
+        self.share: Floats = np.ones(shape, np.float32)
         self._H_canvas_ref: Floats = self._scale @ np.linalg.inv(H_ref_frame)
         self._useful = self._useful_part(mapping)
         self.H_frame_canvas: Floats = np.linalg.inv(self._scale)
@@ -56,7 +56,7 @@ class Canvas:
     def foreground(self, luma: Image, mapping: GroundMapping, H_ref_frame: Floats) -> Image:
         """Return the mask (0, 255) of what is not ground, and learn the rest of the picture.
 
-        `shade` is set to how bright the picture is there by the background's measure.
+        `share` is set to how bright the picture is there by the background's measure.
         """
         self._follow(mapping, H_ref_frame)
         shown = self._shown()
@@ -74,7 +74,7 @@ class Canvas:
             self._pictures = 0
             return np.zeros_like(mask)
         mask = cv2.bitwise_and(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, SQUARE), shown)
-        self.shade = cv2.divide(seen, cv2.max(self._background, 1.0))
+        self.share = cv2.divide(seen, cv2.max(self._background, 1.0))
         self._learn(seen, difference, mask, shown)
         return np.asarray(mask, np.uint8)
 

@@ -2,30 +2,53 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from statistics import median
 
 import cv2
 import numpy as np
 
-from queuetail.types import Band, Floats, Image, LaneDetections, Masks, RoadRaster
+from queuetail.types import Band, Bools, Floats, Image, LaneDetections, Masks, RoadRaster
 
 CORE_M = 1.5  # the middle of a lane, which every vehicle in it covers
 MIN_COVER = 0.38  # of the core, for a column to belong to a vehicle
 CLOSE_M = 0.7  # holes in a vehicle (windscreens the colour of asphalt) up to this length
+UNDER_M, BRIDGE_M, UNBROKEN = 2.2, 2.6, 0.9  # across and along: the line of shade under a sill
 JOIN_M = 0.5  # breaks in an outline
 HOLE_WIDTH_M = 2.2  # across the road: the widest hole that is filled, a vehicle's body
 MIN_LENGTH_M = 2.0
 LEAN_HEIGHT_M = 1.1  # bonnets and boots: what every vehicle stands above its footprint
 TALL_LENGTH_M = 6.5  # longer vehicles may be tall enough to hide the next lane
+TALL_HEIGHT_M, SIDE_SLACK_M = 4.0, 0.8
+MIN_SIDE = 0.5  # of an interval along a tall vehicle, for the rest to be looked at
 SIDE_COVER = 0.7  # of the line between the lanes, where a tall vehicle reaches over it
 BRIGHT_COVER = 0.3  # of the core brighter than road, for a column that is surely not shadow
 BRIGHT_SHARE = 0.3  # of a vehicle's columns, for it to show where its cast shadow ends
 MEMORY = 40  # vehicles over which the cast shadow's length is taken
 MAX_SHADOW_M = 6.0
-# Of each interval: band, lane, rear and front column, row, cut at the rear and front, contrast.
-Interval = tuple[int, int, float, float, float, bool, bool, float]
+UNEVEN_M = 2.5  # of dark end beyond the usual: another vehicle's shadow reaches it
+BODY_COVER = 0.25  # of the core more than shadow, for a column that shows a body
+BODY_SHARE = 0.25  # of a vehicle's columns, for it to show where its cast shadow ends
+ONLY_SHADE = 0.15  # of the columns: with less, all may be shadow
+SHADOW_REACH_M, SHADOW_LANES = 4.0, 2  # along and across the road, from a body to its shadow
+
+
+@dataclass(slots=True)
+class Interval:
+    """Foreground along one lane, in raster columns and rows."""
+
+    band: int
+    lane: int
+    rear: float
+    front: float
+    row: float
+    cut: tuple[bool, bool]  # at the rear and front, by the end of what is seen
+    contrast: float
+    body: float
+    shadow: bool = False
 
 
 class LaneDetector:
@@ -41,21 +64,27 @@ class LaneDetector:
             part = np.s_[band.rows[0] : band.rows[1], : band.columns]
             filled = fill_outlines(masks.foreign[part], raster.px_per_m)
             standing = footprints(filled, band.lean_px)
-            here = Masks(standing, masks.bright[part], masks.contrast[part])
-            found += self._band(number, band, here, raster.px_per_m)
-        columns = list(zip(*found, strict=True)) if found else [()] * 8
+            shade = masks.shade[part]
+            here = Masks(standing, masks.bright[part], shade, masks.contrast[part])
+            body = cv2.bitwise_and(masks.foreign[part], cv2.bitwise_not(shade))
+            dark = cv2.bitwise_and(masks.foreign[part], cv2.bitwise_not(masks.bright[part]))
+            found += self._band(number, band, here, body, dark, raster.px_per_m)
         return LaneDetections(
-            band=np.array(columns[0], np.int64),
-            lane=np.array(columns[1], np.int64),
-            rear_column=np.array(columns[2], float),
-            front_column=np.array(columns[3], float),
-            row=np.array(columns[4], float),
-            cut_rear=np.array(columns[5], np.bool_),
-            cut_front=np.array(columns[6], np.bool_),
-            contrast=np.array(columns[7], float),
+            band=np.array([i.band for i in found], np.int64),
+            lane=np.array([i.lane for i in found], np.int64),
+            rear_column=np.array([i.rear for i in found], float),
+            front_column=np.array([i.front for i in found], float),
+            row=np.array([i.row for i in found], float),
+            cut_rear=np.array([i.cut[0] for i in found], np.bool_),
+            cut_front=np.array([i.cut[1] for i in found], np.bool_),
+            contrast=np.array([i.contrast for i in found], float),
+            body=np.array([i.body for i in found], float),
+            shadow=np.array([i.shadow for i in found], np.bool_),
         )
 
-    def _band(self, number: int, band: Band, masks: Masks, px_per_m: float) -> list[Interval]:
+    def _band(
+        self, number: int, band: Band, masks: Masks, body: Image, dark: Image, px_per_m: float
+    ) -> list[Interval]:
         """Search one band's lanes, the nearest to the camera first."""
         lanes = range(1, len(band.lane_rows) + 1)
         away_is_left = float(np.median(band.lean_px[:, 1])) < 0
@@ -63,17 +92,28 @@ class LaneDetector:
         tall: list[Interval] = []
         for lane in reversed(lanes) if away_is_left else lanes:
             line = band.lane_rows[lane - 1] + band.lane_width_px / 2 * (1 if away_is_left else -1)
-            kept = [
-                i
-                for i in self._lane(number, band, lane, masks, px_per_m)
-                if not any(_is_side_of(t, i, masks.foreign, line, px_per_m) for t in tall)
-            ]
+            kept = self._lane(number, band, lane, masks, body, dark, px_per_m)
+            for t in tall:
+                leaning = _side_columns(t, band, px_per_m)
+                kept = [
+                    piece
+                    for i in kept
+                    for piece in _beside(t, leaning, i, masks.foreign, line, px_per_m)
+                ]
             found += kept
-            tall = [i for i in kept if i[3] - i[2] >= TALL_LENGTH_M * px_per_m]
+            tall = [i for i in kept if i.front - i.rear >= TALL_LENGTH_M * px_per_m]
+        mark_shadows(found, SHADOW_REACH_M * px_per_m)
         return found
 
     def _lane(
-        self, number: int, band: Band, lane: int, masks: Masks, px_per_m: float
+        self,
+        number: int,
+        band: Band,
+        lane: int,
+        masks: Masks,
+        body: Image,
+        dark: Image,
+        px_per_m: float,
     ) -> list[Interval]:
         standing = masks.foreign
         middle = band.lane_rows[lane - 1]
@@ -81,12 +121,18 @@ class LaneDetector:
         core = np.s_[max(round(middle - half), 0) : round(middle + half) + 1]
         cover = cv2.reduce(standing[core], 0, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[0] / 255
         shine = cv2.reduce(masks.bright[core], 0, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[0] / 255
+        solid = cv2.reduce(body[core], 0, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[0] / 255
+        shaded = bool(masks.shade.any())
         begin, end = band.visible_columns
         on = (cover >= MIN_COVER).astype(np.uint8)[None]
         on[:, :begin] = 0
         on[:, end:] = 0
         width = 2 * (max(round(CLOSE_M * px_per_m), 1) // 2) + 1
         on = cv2.morphologyEx(on, cv2.MORPH_CLOSE, np.ones((1, width), np.uint8))[0]
+        half = UNDER_M / 2 * px_per_m
+        sill = dark[max(round(middle - half), 0) : round(middle + half) + 1]
+        under: Bools = np.any(sill, axis=0)
+        on = bridged(on, under, BRIDGE_M * px_per_m)
         edges = np.flatnonzero(np.diff(np.concatenate([[0], on, [0]])))
         found: list[Interval] = []
         for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
@@ -94,10 +140,17 @@ class LaneDetector:
             if last - first < MIN_LENGTH_M * px_per_m and not any(cut):
                 continue
             ends = _crossing(cover, first, -1), _crossing(cover, last, +1)
-            ends = self._shadows.without(ends, dark_ends(shine[first:last]), cut, px_per_m)
-            row = _middle_row(standing, band, middle, first, last)
+            shadowed = (
+                dark_ends(solid[first:last], BODY_COVER, BODY_SHARE)
+                if shaded
+                else dark_ends(shine[first:last], BRIGHT_COVER, BRIGHT_SHARE)
+            )
+            ends = self._shadows.without(ends, shadowed, cut, px_per_m)
+            share = float((solid[first:last] >= BODY_COVER).mean())
+            shown = cv2.bitwise_and(standing, body) if share >= BODY_SHARE else standing
+            row = _middle_row(shown, band, middle, first, last)
             contrast = float(masks.contrast[core, first:last].mean())
-            found.append((number, lane, *ends, row, *cut, contrast))
+            found.append(Interval(number, lane, *ends, row, cut, contrast, share))
         return found
 
 
@@ -133,6 +186,10 @@ class CastShadows:
         if len(known) < 3:
             return ends
         behind, ahead = (length_m * px_per_m for length_m in self._typical[tall])
+        if dark is not None:
+            uneven = UNEVEN_M * px_per_m
+            behind = dark[0] if dark[0] > behind + uneven else behind
+            ahead = dark[1] if dark[1] > ahead + uneven else ahead
         if front - rear - behind - ahead < MIN_LENGTH_M * px_per_m:
             return ends
         return rear + (0.0 if cut[0] else behind), front - (0.0 if cut[1] else ahead)
@@ -143,12 +200,40 @@ def _median_ends(ends_m: Iterable[tuple[float, float]]) -> tuple[float, float]:
     return median(behind), median(ahead)
 
 
-def dark_ends(shine: Floats) -> tuple[float, float] | None:
-    """Return how many columns at each end of a bright vehicle are dark; None for dark vehicles."""
-    bright = np.flatnonzero(shine >= BRIGHT_COVER)
-    if len(bright) < BRIGHT_SHARE * len(shine):
+def dark_ends(shown: Floats, cover: float, share: float) -> tuple[float, float] | None:
+    """Return how many columns at each end of a vehicle show no body; None where too few do.
+
+    `shown` is each column's cover by what is surely no shadow.
+    """
+    body = np.flatnonzero(shown >= cover)
+    if len(body) < share * len(shown):
         return None
-    return float(bright[0]), float(len(shine) - 1 - bright[-1])
+    return float(body[0]), float(len(shown) - 1 - body[-1])
+
+
+def bridged(on: Image, under: Bools, longest: float) -> Image:
+    """Join runs of columns (n,) that are `on` where a dark line goes on from one to the next.
+
+    A body the colour of asphalt shows its windows, and the line of shade along its sill.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], on, [0]])))
+    joined = on.copy()
+    for end, begin in zip(edges[1:-1:2].tolist(), edges[2::2].tolist(), strict=True):
+        if begin - end <= longest and under[end:begin].mean() >= UNBROKEN:
+            joined[end:begin] = 1
+    return joined
+
+
+def mark_shadows(intervals: Sequence[Interval], reach: float) -> None:
+    """Mark the intervals of one band that show only shade, beside or near a body that casts it."""
+    bodies = [i for i in intervals if i.body >= BODY_SHARE]
+    for interval in intervals:
+        interval.shadow = interval.body < ONLY_SHADE and any(
+            0 < abs(caster.lane - interval.lane) <= SHADOW_LANES
+            and caster.rear < interval.front + reach
+            and caster.front > interval.rear - reach
+            for caster in bodies
+        )
 
 
 def fill_outlines(foreign: Image, px_per_m: float) -> Image:
@@ -208,15 +293,41 @@ def _middle_row(standing: Image, band: Band, middle: float, first: int, last: in
     return top + 0.5 + float(weight @ np.arange(len(weight))) / total
 
 
-def _is_side_of(
-    tall: Interval, interval: Interval, standing: Image, line_row: float, px_per_m: float
-) -> bool:
-    """Tell whether an interval is only the side of a tall vehicle in the nearer lane."""
-    first, last = max(interval[2], tall[2]), min(interval[3], tall[3])
-    if last - first < 0.75 * (interval[3] - interval[2]):
-        return False
+def _side_columns(tall: Interval, band: Band, px_per_m: float) -> tuple[float, float]:
+    """Return the columns that a tall vehicle's side may cover in the next lane."""
+    block = int(np.clip(tall.rear / band.columns, 0.0, 0.999) * len(band.lean_px))
+    along = float(band.lean_px[block][0]) * TALL_HEIGHT_M
+    slack = SIDE_SLACK_M * px_per_m
+    return tall.rear + min(along, 0.0) - slack, tall.front + max(along, 0.0) + slack
+
+
+def _beside(
+    tall: Interval,
+    leaning: tuple[float, float],
+    interval: Interval,
+    standing: Image,
+    line_row: float,
+    px_per_m: float,
+) -> list[Interval]:
+    """Return what of an interval is more than the side of a tall vehicle in the nearer lane.
+
+    That may be nothing, or what stands before and behind the side, joined to it in the picture.
+    """
+    first, last = max(interval.rear, tall.rear), min(interval.front, tall.front)
+    if last - first < MIN_SIDE * (interval.front - interval.rear):
+        return [interval]
     half = max(0.3 * px_per_m, 1.0)
     between = standing[
         max(round(line_row - half), 0) : round(line_row + half) + 1, max(int(first), 0) : int(last)
     ]
-    return bool(between.size and between.mean() / 255 > SIDE_COVER)
+    if not between.size or between.mean() / 255 <= SIDE_COVER:
+        return [interval]
+    pieces = []
+    least = MIN_LENGTH_M * px_per_m
+    if leaning[0] - interval.rear >= least:
+        cut = interval.cut[0], False
+        pieces.append(dataclasses.replace(interval, front=leaning[0], cut=cut))
+    if interval.front - leaning[1] >= least:
+        cut = False, interval.cut[1]
+        pieces.append(dataclasses.replace(interval, rear=leaning[1], cut=cut))
+    return pieces

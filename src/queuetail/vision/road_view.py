@@ -102,7 +102,8 @@ class RoadView:
             empty = np.empty(0)
             return RoadPoints(
                 detections.band, detections.lane, empty, empty, empty,
-                detections.cut_rear, detections.cut_front, empty, raster.spans, np.empty((0, 4)),
+                detections.cut_rear, detections.cut_front, empty, empty, detections.shadow,
+                raster.spans, np.empty((0, 4)),
             )  # fmt: skip
         rear = start[band] + detections.rear_column * scale
         front = start[band] + detections.front_column * scale
@@ -116,6 +117,8 @@ class RoadView:
             cut_rear=detections.cut_rear,
             cut_front=detections.cut_front,
             contrast=detections.contrast,
+            body=detections.body,
+            shadow=detections.shadow,
             spans=raster.spans,
             boxes_px=_boxes_px(raster.approaches, index[band], rear, front, offset, mapping),
         )

@@ -8,7 +8,9 @@ vehicle's size are followed.  It is made for learning where the road is, not for
 from __future__ import annotations
 
 import dataclasses
+from collections import deque
 from dataclasses import dataclass
+from statistics import median
 
 import cv2
 import numpy as np
@@ -19,6 +21,7 @@ from queuetail.traffic.paths import Trajectory
 from queuetail.types import Bools, Floats, GroundMapping, GroundPoints, Image, Ints, Tracks
 from queuetail.vision.canvas import Canvas
 from queuetail.vision.foot import camera_above_ground
+from queuetail.vision.shade import CastShade
 
 MIN_STEP_S = 0.115  # at most about 8 pictures a second
 PAUSE_S = 3.0  # after so long without a picture nothing is followed on
@@ -29,9 +32,10 @@ CAR_HEIGHT_M, TRUCK_HEIGHT_M = 1.5, 3.6
 CAR_LENGTH_M, TRUCK_LENGTH_M = 6.5, 9.0  # up to, and from: in between the height grows
 NARROWEST_M = 1.7  # of a footprint: the rest of a silhouette's width is lean or shadow
 MAX_BLOBS = 400
-# What is so bright by the background's measure may be cast shadow.  It counts for little beside
-# other pixels of its blob, yet a car that is as dark all over keeps its shape.
-SHADE, SHADE_WEIGHT = (0.5, 0.95), 0.1
+MOSTLY, WIDEST_SEEN_M, DOUBTS = 0.6, 3.5, 200  # a car's silhouette with its lean is so wide
+# What may be cast shadow counts for little beside other pixels of its blob, yet a car that is as
+# dark all over keeps its shape.  Until the shadows' depth is known, all that is so dark may be one.
+SHADE, SHADE_WEIGHT = (0.4, 0.95), 0.02
 
 
 class RoadScout:
@@ -39,6 +43,8 @@ class RoadScout:
 
     def __init__(self) -> None:
         self._canvas: Canvas | None = None
+        self._shade = CastShade()
+        self._doubts_m: deque[float] = deque(maxlen=DOUBTS)
         self._tracker = GroundTracker()
         self._mapping: GroundMapping | None = None  # of the last picture
         self._last_s = -np.inf
@@ -55,9 +61,21 @@ class RoadScout:
         if self._canvas is None:
             self._canvas = Canvas(luma, mapping, H_ref_frame)
         mask = self._canvas.foreground(luma, mapping, H_ref_frame)
-        points = locate_blobs(mask, self._canvas, mapping)
+        share = self._canvas.share
+        dark = cv2.bitwise_and(mask, cv2.inRange(share, 0.0, SHADE[1]))
+        shade = self._shade.mask(share, dark)
+        if self._shade.depth is None:
+            shade = cv2.bitwise_and(dark, cv2.inRange(share, *SHADE))
+        points, shaded = locate_blobs(mask, shade, self._canvas, mapping)
+        blurred = np.maximum(points.width_m - WIDEST_SEEN_M, 0.0) / 2
+        self._doubts_m.extend(np.where(shaded > MOSTLY, blurred, 0.0).tolist())
         self._tracker.update(points, t_s)
         self._mapping, self._last_s = mapping, t_s
+
+    @property
+    def doubt_m(self) -> float:
+        """How far aside vehicles may be where long shadows, seen coarsely, hide them."""
+        return median(self._doubts_m) if self._doubts_m else 0.0
 
     @property
     def trajectories(self) -> tuple[Trajectory, ...]:
@@ -74,10 +92,13 @@ class RoadScout:
         return dataclasses.replace(tracks, sigma_m=sigma_m)
 
 
-def locate_blobs(mask: Image, canvas: Canvas, mapping: GroundMapping) -> GroundPoints:
-    """Place the vehicle-sized blobs of a canvas mask (h, w) on the ground.
+def locate_blobs(
+    mask: Image, shade: Image, canvas: Canvas, mapping: GroundMapping
+) -> tuple[GroundPoints, Floats]:
+    """Place the vehicle-sized blobs of a canvas mask (h, w) on the ground; -> them, their shade.
 
-    Those that the canvas' edge cuts are left out.
+    `shade` (h, w) is what may be cast shadow; the second value is its share of every blob, (n,).
+    Blobs that the canvas' edge cuts are left out.
     """
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     found = cv2.findNonZero(mask)
@@ -91,12 +112,14 @@ def locate_blobs(mask: Image, canvas: Canvas, mapping: GroundMapping) -> GroundP
     label = label[used]
     canvas_px = np.column_stack([columns[used] + 0.5, rows[used] + 0.5])
     ground = px_to_enu(mapping, apply_homography(canvas.H_frame_canvas, canvas_px))
-    shade = canvas.shade[rows[used], columns[used]]
-    weight = np.where((shade > SHADE[0]) & (shade < SHADE[1]), SHADE_WEIGHT, 1.0)
+    shaded = shade[rows[used], columns[used]] > 0
+    weight = np.where(shaded, SHADE_WEIGHT, 1.0)
     shapes = _shapes(ground, label, weight, count)
     keep &= _vehicle_sized(shapes.length_m, shapes.width_m)
     chosen = np.flatnonzero(keep)[:MAX_BLOBS]
-    return _ground_points(shapes.rows(chosen), stats[chosen], canvas.H_frame_canvas, mapping)
+    points = _ground_points(shapes.rows(chosen), stats[chosen], canvas.H_frame_canvas, mapping)
+    share = np.bincount(label, shaded, count) / np.maximum(np.bincount(label, minlength=count), 1)
+    return points, share[chosen]
 
 
 @dataclass(frozen=True, slots=True)
