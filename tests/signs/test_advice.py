@@ -208,15 +208,29 @@ def test_a_portable_sign_is_told_where_to_stand(
 
 
 def test_the_place_to_move_to_leaves_room_for_growth() -> None:
-    still = Scene(sign(station_m=900.0)).see(queue(1000.0), 120.0).placement
-    growing = Scene(sign(station_m=900.0)).see(queue(1000.0, growth=0.5), 120.0).placement
+    still = Scene(sign(station_m=900.0)).see(queue(1000.0), 40.0).placement
+    scene = Scene(sign(station_m=900.0))
+    for n in range(40):
+        growing = scene.see(queue(1020.0 - 0.5 * n, growth=0.5), 1.0).placement
     assert still is not None
     assert growing is not None
     assert still.move_to_station_m is not None
     assert growing.move_to_station_m is not None
-    assert still.move_to_station_m - growing.move_to_station_m == pytest.approx(260, abs=40)
+    # 0.5 m/s for the ten minutes that the move takes
+    assert still.move_to_station_m - growing.move_to_station_m == pytest.approx(300, abs=30)
     fixed = Scene(sign(station_m=900.0, kind="fixed")).see(queue(1000.0), 1.0)
     assert fixed.placement is None
+
+
+def test_a_jump_of_the_end_is_no_trend() -> None:
+    scene = Scene(sign(station_m=900.0))
+    before = scene.see(queue(1000.0), 60.0).placement
+    after = scene.see(queue(970.0, growth=6.0), 2.0).placement
+    assert before is not None
+    assert after is not None
+    assert before.move_to_station_m is not None
+    assert after.move_to_station_m is not None
+    assert before.move_to_station_m - after.move_to_station_m < 150
 
 
 def test_a_sign_by_latitude_and_longitude_is_put_on_the_road() -> None:

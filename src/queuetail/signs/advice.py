@@ -35,7 +35,8 @@ MOVE_ROOM = 1.25  # times the warning distance
 TOO_FAR = 4.0  # times the warning distance: drivers forget a warning that proves nothing
 MOVE_STEP_M = 10.0
 BESIDE_M = 2.0  # from the right edge of the right lane to a portable sign
-SHORT_S, LONG_S = 5.0, 60.0  # over which growth is averaged: for a driver, and for planning
+SMOOTH_S = 5.0  # over which growth is averaged for a driver
+TREND_S, LEAST_TREND_S, SAMPLE_S = 120.0, 20.0, 1.0  # of stations, for planning a move
 GROWING_MPS = 0.1  # slower than this, no time is told at which the queue passes a sign
 
 
@@ -56,7 +57,16 @@ class _Known:
     state: QueueState
     answer_s: float
     growth_mps: float = 0.0
-    long_growth_mps: float = 0.0
+    past: tuple[tuple[float, float], ...] = ()  # (time, station) of the end, one a second
+
+    @property
+    def trend_mps(self) -> float:
+        """How fast the queue has grown over the last minutes; 0 until that is known."""
+        if not self.past or self.past[-1][0] - self.past[0][0] < LEAST_TREND_S:
+            return 0.0
+        times, stations = np.array(self.past).T
+        centred = times - times.mean()
+        return float(-(centred @ stations) / (centred @ centred))
 
 
 @dataclass(slots=True)
@@ -122,8 +132,10 @@ class Adviser:
             if before is not None and state.eoq is not None:
                 dt_s = max(answers.answer_s - before.answer_s, 0.0)
                 rate = growth if growth is not None else before.growth_mps
-                known.growth_mps = _averaged(before.growth_mps, rate, dt_s / SHORT_S)
-                known.long_growth_mps = _averaged(before.long_growth_mps, rate, dt_s / LONG_S)
+                known.growth_mps = _averaged(before.growth_mps, rate, dt_s / SMOOTH_S)
+            if state.eoq is not None:
+                past = before.past if before is not None else ()
+                known.past = _remembered(past, answers.answer_s, state.eoq.station_m)
             self._known[state.approach] = known
 
     def _decide(self, sign: SignSite, now_s: float) -> Decision:
@@ -249,7 +261,7 @@ class Adviser:
         gap_m = view.end_m - memory.station_m
         if self.required_m <= gap_m <= TOO_FAR * self.required_m:
             return Placement(Fit.OK)
-        growth = max(view.known.long_growth_mps, 0.0)
+        growth = max(view.known.trend_mps, 0.0)
         goal_m = view.end_m - MOVE_ROOM * self.required_m - growth * MOVE_S
         goal_m = math.floor(goal_m / MOVE_STEP_M) * MOVE_STEP_M
         too_close = gap_m < self.required_m
@@ -269,6 +281,15 @@ class Adviser:
 
 def _averaged(before: float, now: float, share: float) -> float:
     return before + (now - before) * (1 - math.exp(-share))
+
+
+def _remembered(
+    past: tuple[tuple[float, float], ...], now_s: float, station_m: float
+) -> tuple[tuple[float, float], ...]:
+    """Return the past with what is seen now, if it is time for another sample."""
+    if past and now_s - past[-1][0] < SAMPLE_S:
+        return past
+    return (*(p for p in past if now_s - p[0] <= TREND_S), (now_s, station_m))
 
 
 def _approach_of(sign: SignSite, approaches: Sequence[Approach]) -> Approach | None:

@@ -77,6 +77,11 @@ class SignAgent:
     ) -> None:
         self.close()
 
+    @property
+    def alive(self) -> bool:
+        """Whether it still answers."""
+        return self._thread.is_alive()
+
     def close(self) -> None:
         """Stop answering and release the port."""
         if self._thread.is_alive():
