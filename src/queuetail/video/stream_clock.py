@@ -15,7 +15,8 @@ WINDOW_S = 30.0  # in which the least delay counts: 50 ppm of drift are 1.5 ms m
 BUCKET_S = 1.0
 BEHIND_S = 0.3  # later than the quickest packets by this: we lag, unless we wait for data
 FAR_BEHIND_S = 1.0
-SHIFTED_AFTER_S = 1.0  # of late packets that we waited for: the source's own clock was put back
+SHIFTED_AFTER_S = 0.5  # of packets that stay as late: the source's clock stood still meanwhile
+CATCHING_UP = 0.9  # of the lateness at first; less says that the network is catching up
 BACK_S, LEAP_S = 0.5, 5.0  # beyond these the source's clock jumped
 
 
@@ -35,14 +36,14 @@ class StreamClock:
         self._base_s: float | None = None  # t_s − PTS of this connection
         self._last: tuple[float, float] | None = None  # (t_s, arrival) of the last picture
         self._packet: tuple[float, float] | None = None  # (DTS, arrival) of the last packet
-        self._late_since_s: float | None = None
+        self._late: tuple[float, float] | None = None  # since when, and how late then
         self._starved_s = -math.inf  # when we last waited for data
         self.lateness_s = 0.0  # of the last packet, against the quickest of late
 
     def begin(self) -> None:
         """Start a connection, which has a clock of its own."""
         self._least.clear()
-        self._base_s, self._packet, self._late_since_s = None, None, None
+        self._base_s, self._packet, self._late = None, None, None
         self.lateness_s = 0.0
 
     def packet(self, dts_s: float, pts_s: float, arrived_s: float, waited: bool) -> None:
@@ -101,14 +102,15 @@ class StreamClock:
 
         The source's clock stood still then, as it does when a sender pauses.
         """
-        if self.lateness_s < BEHIND_S:
-            self._late_since_s = None
-        elif waited and self._late_since_s is None:
-            self._late_since_s = arrived_s
-        elif waited and arrived_s - (self._late_since_s or 0.0) > SHIFTED_AFTER_S:
+        late_s = self.lateness_s
+        if late_s < BEHIND_S:
+            self._late = None
+        elif waited and (self._late is None or late_s < CATCHING_UP * self._late[1]):
+            self._late = arrived_s, late_s
+        elif waited and self._late is not None and arrived_s - self._late[0] > SHIFTED_AFTER_S:
             if self._base_s is not None and self._last is not None:
-                self._base_s += self.lateness_s
-                self._last = self._last[0] + self.lateness_s, self._last[1]
+                self._base_s += late_s
+                self._last = self._last[0] + late_s, self._last[1]
             self._least.clear()
             self._least.append((arrived_s, delay_s))
-            self._late_since_s, self.lateness_s = None, 0.0
+            self._late, self.lateness_s = None, 0.0
