@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import signal
 import subprocess
@@ -23,6 +24,7 @@ from queuetail.signs.agent import SignAgent
 from queuetail.signs.controller import SignController
 from queuetail.signs.ntcip import ControlMode, MessageId, Source
 from queuetail.signs.simulated import SimulatedSign
+from queuetail.signs.snmp import Session
 from queuetail.types import QueueState
 
 HALF = (("STOPPED", "TRAFFIC", "1/2 MILE"), ("PREPARE", "TO STOP"))
@@ -76,8 +78,11 @@ def agent() -> Iterator[SignAgent]:
 
 
 @pytest.fixture
-def start(tmp_path: Path) -> Iterator[Callable[..., Run]]:
+def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Run]]:
     runs: list[Run] = []
+    impatient = functools.partial(Session, timeout_s=0.5, retries=0)
+    monkeypatch.setattr("queuetail.signs.controller.Session", impatient)
+    monkeypatch.setattr("queuetail.signs.line.LONGEST_PAUSE_S", 0.5)
 
     def begin(address: str | None, *, dry_run: bool = False, **settings: float) -> Run:
         made = SignController(site(address, **settings), tmp_path, dry_run=dry_run, environment={})
@@ -165,10 +170,7 @@ def test_unknown_answers_hold_caution_then_default_then_disarm(
     assert agent.phases() == WORK  # until somebody arms it again
 
 
-def test_a_sign_that_was_away_gets_only_the_newest(
-    start: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("queuetail.signs.line.LONGEST_PAUSE_S", 0.5)
+def test_a_sign_that_was_away_gets_only_the_newest(start: Callable[..., Run]) -> None:
     shown: list[bytes] = []
 
     class Noting(SimulatedSign):
@@ -195,10 +197,7 @@ def test_a_sign_that_was_away_gets_only_the_newest(
         run.end()
 
 
-def test_a_sign_that_lost_its_memory_is_prepared_anew(
-    start: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("queuetail.signs.line.LONGEST_PAUSE_S", 0.5)
+def test_a_sign_that_lost_its_memory_is_prepared_anew(start: Callable[..., Run]) -> None:
     first = SignAgent()
     run = start(first.address)
     run.controller.arming.arm("R. Roe")
@@ -213,9 +212,8 @@ def test_a_sign_that_lost_its_memory_is_prepared_anew(
 
 
 def test_a_sign_under_local_control_is_left_alone_and_taken_when_it_is_given_back(
-    agent: SignAgent, start: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
+    agent: SignAgent, start: Callable[..., Run]
 ) -> None:
-    monkeypatch.setattr("queuetail.signs.line.LONGEST_PAUSE_S", 0.5)
     agent.sign.control_mode = ControlMode.LOCAL
     run = start(agent.address)
     run.controller.arming.arm("R. Roe")
