@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from queuetail.video.stream_source import StreamSource
 
 PORT = 8080
+LOOPBACK = "127.0.0.1"
 
 
 def add(commands: Commands) -> None:
@@ -58,7 +59,14 @@ def add(commands: Commands) -> None:
         type=port,
         default=PORT,
         metavar="N",
-        help="of /health and /metrics on this machine (default: %(default)s; 0: any free one)",
+        help="of the console, /health and /metrics (default: %(default)s; 0: any free one)",
+    )
+    live.add_argument(
+        "--host",
+        default=LOOPBACK,
+        metavar="ADDRESS",
+        help="serve the console there, as 0.0.0.0 for the whole network (default: %(default)s); "
+        "outside this machine tokens are asked for, which are printed",
     )
     live.add_argument("--duration", type=seconds, metavar="S", help="end after so many seconds")
     live.add_argument("--realtime", action="store_true", help="play a file as if it came live")
@@ -73,10 +81,11 @@ def add(commands: Commands) -> None:
 
 
 def _live(arguments: argparse.Namespace) -> int:
+    from queuetail.commands.console import serve
     from queuetail.config import Site, read_site
+    from queuetail.console.live_source import ConsoleSink, LiveSource
     from queuetail.errors import InputError
     from queuetail.live.files import file_outlets
-    from queuetail.live.health_server import HealthServer
     from queuetail.live.open_feed import open_feed
     from queuetail.live.runtime import LiveRun
     from queuetail.run import writable_folder
@@ -106,12 +115,13 @@ def _live(arguments: argparse.Namespace) -> int:
         )
         if a.out:
             sinks += file_outlets(writable_folder(a.out), source.name, a.preset, site)
-        server = HealthServer(a.port, lambda: (run.newest(), run.health()))
+        shown = LiveSource(run.health, source.name, a.preset, site, a.site)
+        sinks.append(ConsoleSink(shown))
+        server = serve(shown, a.port, a.host)
         closing.callback(server.close)
         closing.callback(run.stop)
         for sink in sinks:
             run.subscribe(sink)
-        print(f"health on http://127.0.0.1:{server.port}/health", flush=True)
         _watch(run, a.duration)
     if run.refused is not None:
         raise InputError(f"{a.site}: {run.refused}")

@@ -1,0 +1,1 @@
+"""The operator's console: a web page and an API, served by the machine that runs queuetail."""
