@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -218,6 +219,21 @@ def test_a_file_is_paced_and_loops(clip: Path) -> None:
     assert times == sorted(set(times))
     assert [c.frame.index for c in viewer.got] == list(range(len(viewer.got)))
     assert viewer.at_s[59] - viewer.at_s[0] == pytest.approx(59 / 30, abs=1.0)
+
+
+def test_srt_comes_through_a_process_that_ends_with_us(
+    clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The plumbing only: a stand-in for ffmpeg passes a clip on and then waits."""
+    program, told = tmp_path / "ffmpeg", tmp_path / "told"
+    program.write_text(f'#!/bin/sh\necho "$$ $@" > {told}\ncat {clip}\nexec sleep 60\n')
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    with viewing("srt://127.0.0.1:9000?mode=listener") as viewer:
+        viewer.wait_for(40)
+    process_id, *words = told.read_text().split()
+    assert "srt://127.0.0.1:9000?mode=listener" in words
+    assert not Path(f"/proc/{process_id}").exists()
 
 
 def test_nobody_there_is_said_and_tried_again() -> None:

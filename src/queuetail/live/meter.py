@@ -83,7 +83,7 @@ class Meter:
             if disk_mb is not None and disk_mb < LOW_DISK_MB:
                 warnings.append(f"only {disk_mb:.0f} MB are free on the disk")
             return Health(
-                frame_age_s=None if newest is None else now_s - newest.arrived_s,
+                frame_age_s=None if newest is None else now_s - newest.captured_s,
                 telemetry_age_s=ages,
                 telemetry_rate_hz=rates,
                 registration=self._registration,

@@ -35,7 +35,7 @@ class OutletHealth:
 class Health:
     """How well a live run is; ``None`` where there is nothing to measure yet."""
 
-    frame_age_s: float | None = None  # since the newest frame arrived
+    frame_age_s: float | None = None  # since the newest frame was taken, as arrivals tell
     telemetry_age_s: dict[str, float] = field(default_factory=dict)  # of each quantity
     telemetry_rate_hz: dict[str, float] = field(default_factory=dict)
     registration: float | None = None  # quality, 0 … 1

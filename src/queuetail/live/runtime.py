@@ -127,6 +127,10 @@ class LiveRun:
             self._video.status(), self._frames.dropped, tuple(s.health() for s in sinks)
         )
 
+    def warn(self, name: str, sentence: str) -> None:
+        """Keep a warning in the health under a name; an empty sentence takes it away."""
+        self._meter.fault(name, sentence)
+
     def _heard(self, sample: TelemetrySample, utc: datetime, name: str) -> None:
         """Pass telemetry on to those who record it."""
         for take in self._telemetry_sinks:
@@ -197,7 +201,7 @@ class LiveRun:
         if newest is None:
             waited_s = now_s - self._started_s
             return f"no picture yet after {waited_s:.0f} s: {status.reason or 'none came'}"
-        age_s = now_s - newest.arrived_s
+        age_s = now_s - newest.captured_s
         if age_s > STALL_S:
             return f"no picture for {age_s:.1f} s: {status.reason or 'the stream stands still'}"
         busy_s = self._processor.busy_s()
@@ -210,4 +214,4 @@ class LiveRun:
         newest = status.newest
         if newest is None:
             return 0.0
-        return newest.frame.t_s + max(now_s - newest.arrived_s, 0.0)
+        return newest.frame.t_s + max(now_s - newest.captured_s, 0.0)

@@ -34,7 +34,7 @@ class StreamClock:
     def __init__(self) -> None:
         self._least: deque[tuple[float, float]] = deque()  # (bucket's start, least arrival − PTS)
         self._base_s: float | None = None  # t_s − PTS of this connection
-        self._last: tuple[float, float] | None = None  # (t_s, arrival) of the last picture
+        self._last: tuple[float, float] | None = None  # t_s and captured_s of the last picture
         self._packet: tuple[float, float] | None = None  # (DTS, arrival) of the last packet
         self._late: tuple[float, float] | None = None  # since when, and how late then
         self._starved_s = -math.inf  # when we last waited for data
@@ -85,8 +85,9 @@ class StreamClock:
                 t_s = self._base_s + pts_s
             if t_s <= last_s:
                 return None
-        self._last = t_s, arrived_s
-        return Stamp(t_s, self.captured_s(pts_s, arrived_s))
+        captured_s = self.captured_s(pts_s, arrived_s)
+        self._last = t_s, captured_s
+        return Stamp(t_s, captured_s)
 
     def captured_s(self, pts_s: float | None, arrived_s: float) -> float:
         """Return when what carries this PTS was taken, on the arrival clock."""

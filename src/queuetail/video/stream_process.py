@@ -32,7 +32,7 @@ class SrtProcess:
             [
                 find_ffmpeg(),
                 *("-hide_banner", "-loglevel", "error", "-nostdin"),
-                *("-fflags", "nobuffer", "-i", address),
+                *("-probesize", "1000000", "-analyzeduration", "1000000", "-i", address),
                 *("-map", "0", "-c", "copy", "-copy_unknown"),
                 *("-flush_packets", "1", "-f", "mpegts", "pipe:1"),
             ],
