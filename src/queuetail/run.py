@@ -22,6 +22,7 @@ from queuetail.config import Site, read_site
 from queuetail.errors import InputError
 from queuetail.flight import Flight, open_flight
 from queuetail.geo.earth import geodetic_from_enu
+from queuetail.live.clock_offset import OffsetWatch
 from queuetail.pipeline import Pipeline
 from queuetail.presets import DEFAULT_PRESET, PRESETS
 from queuetail.sinks import RunInfo, Sink
@@ -71,12 +72,18 @@ def run(
         size = flight.video.width_px, flight.video.height_px
         pipeline = _build(preset, site, site_file, flight, watch)
         info = RunInfo(folder, flight.video.name, *size, flight.video.frame_rate_hz, preset, site)
-        sinks = standard_sinks(info, with_video)
+        offset = OffsetWatch(flight.telemetry_at, site.camera)
+        sinks = [offset, *standard_sinks(info, with_video)]
         for sink in reversed(sinks):  # so that they close in order, each even if another fails
             closing.callback(sink.close)
         opened(flight.video)
         started = perf_counter()
         frames, last_s, interrupted = process(flight, pipeline, sinks, watch, progress)
+        notes = (
+            *flight.notes,
+            *pipeline.road.notes,
+            *offset.notes(site.telemetry.offset_s),
+        )
         _write_run_json(
             folder / "run.json",
             flight=flight,
@@ -88,11 +95,10 @@ def run(
             timings_ms=watch.mean_ms(frames),
             wall_s=round(perf_counter() - started, 3),
             interrupted=interrupted,
-            notes=[*flight.notes, *pipeline.road.notes],
+            notes=list(notes),
         )
         if not site.approach:
             _write_found_site(folder / "site.toml", flight, pipeline.road.approaches)
-        notes = (*flight.notes, *pipeline.road.notes)
     return RunResult(folder, preset, frames, last_s, perf_counter() - started, interrupted, notes)
 
 

@@ -12,7 +12,7 @@ from queuetail.live.mcap_records import RunAbout
 from queuetail.live.recorder import Limits, Recorder
 from queuetail.types import Observation
 
-SECONDS = 10.0
+SECONDS = 9.0
 
 
 @pytest.fixture(scope="session")

@@ -92,6 +92,7 @@ def test_every_message_of_a_recording_fits_its_documented_schema(
 ) -> None:
     folder, answers = recorded
     seen: dict[str, int] = {}
+    checks = {topic: jsonschema.Draft202012Validator(schema) for topic, schema in TOPICS.items()}
     for path in sorted(folder.glob("data-*.mcap")):
         with path.open("rb") as file:
             reader = make_reader(file, validate_crcs=True)
@@ -99,7 +100,7 @@ def test_every_message_of_a_recording_fits_its_documented_schema(
                 assert schema is not None
                 assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
                 assert json.loads(schema.data) == schema_of(channel.topic)
-                jsonschema.validate(json.loads(found.data), json.loads(schema.data))
+                checks["/" + channel.topic.split("/")[1]].validate(json.loads(found.data))
                 seen[channel.topic] = seen.get(channel.topic, 0) + 1
     assert seen["/frame"] == seen["/answer"] == seen["/camera"] == len(answers)
     assert {f"/{topic.split('/')[1]}" for topic in seen} >= set(TOPICS) - {"/eoq"}

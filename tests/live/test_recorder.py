@@ -9,12 +9,13 @@ import shutil
 import sys
 from collections import namedtuple
 from datetime import timedelta
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 from time import monotonic, sleep
 
+import av
 import pytest
-from live_run import START_UTC, play, without_frame
+from live_run import START_UTC, play, stream_info, without_frame
 
 import kill_recording
 from queuetail.errors import InputError
@@ -143,7 +144,11 @@ def test_a_slow_disk_costs_pictures_up_to_the_next_key_picture(
 ) -> None:
     monkeypatch.setattr(Recorder, "_work", lambda self: None)
     recorder = Recorder(tmp_path, about, Limits(waiting_mb=0.05))
-    play(flagger, recorder, 18.0)
+    with av.open(str(flagger / "flight.mp4")) as container:
+        stream = container.streams.video[0]
+        info = stream_info(stream, 0)
+        for packet in islice(container.demux(stream), 600):
+            recorder.packet(packet, info, START_UTC)
     items = recorder._intake.take(0.0)
     kept = [i.packet for i in items if not isinstance(i, Message)]
     assert sum(p.size for p in kept) <= 50_000

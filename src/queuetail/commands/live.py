@@ -85,6 +85,7 @@ def _live(arguments: argparse.Namespace) -> int:
     from queuetail.config import Site, read_site
     from queuetail.console.live_source import ConsoleSink, LiveSource
     from queuetail.errors import InputError
+    from queuetail.live.clock_watch import ClockWatch
     from queuetail.live.files import file_outlets
     from queuetail.live.open_feed import open_feed
     from queuetail.live.runtime import LiveRun
@@ -113,6 +114,7 @@ def _live(arguments: argparse.Namespace) -> int:
             telemetry_sinks=(recorder.telemetry,) if recorder is not None else (),
             folder=a.record or a.out,
         )
+        sinks.append(ClockWatch(site, run.warn))
         if a.out:
             sinks += file_outlets(writable_folder(a.out), source.name, a.preset, site)
         shown = LiveSource(run.health, source.name, a.preset, site, a.site)
