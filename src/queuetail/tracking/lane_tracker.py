@@ -286,7 +286,7 @@ def _hidden_lanes(raster: RoadRaster) -> dict[int, int]:
     """Say of each approach which lane a tall vehicle hides: the next (+1, -1) or none (0)."""
     steps = {}
     for band in raster.bands:
-        lean_m = float(np.median(band.lean_px[:, 1])) * TALL_HEIGHT_M / raster.px_per_m
+        lean_m = float(band.lean_px[:, 1].mean()) * TALL_HEIGHT_M / raster.px_per_m
         steps[band.approach_index] = round(np.sign(lean_m)) if abs(lean_m) > HIDING_LEAN_M else 0
     return steps
 

@@ -28,7 +28,7 @@ EDGE_WINDOW_M, EDGE_FLOOR = 1.6, 2.0
 GAIN_WINDOW_M = 9.0  # stretch of road over which brightness is compared
 GAIN_LIMITS = (0.25, 4.0)
 MIN_THRESHOLD = 9.0  # grey levels
-NOISE_SIGMAS = 4.5
+NOISE_SIGMAS, NOISE_RATE = 4.5, 0.3
 EDGE_TOLERANCE = 0.45  # share of the local gradient: half a pixel of misregistration
 CLOUD_RATIO = 1.25  # of the lightest to the darkest stretch of road: less is no cloud's edge
 PLAIN_TOLERANCE = 12.0  # grey levels from a row's road at which a pixel is road for certain
@@ -136,12 +136,14 @@ class RoadBackground:
             unlit = image[part] / self._gain[number, : band.columns]
             unlit = unlit.astype(np.float32, copy=False)
             cv2.accumulateWeighted(unlit, self._road[part], rate, free[part])
+        if t_s - self._checked_s < CHECK_S and not young:
+            return
         if t_s - self._checked_s >= CHECK_S:
             self._accept_still(image, cv2.bitwise_and(foreign, seen), shade, protect, t_s)
         residual = cv2.absdiff(image.astype(np.float32), self._lit)[::6, ::6]
         calm = residual[free[::6, ::6] > 0]
         if len(calm) > 50:
-            self._noise += 0.1 * (1.48 * float(np.median(calm)) - self._noise)
+            self._noise += NOISE_RATE * (1.48 * float(np.median(calm)) - self._noise)
         self._refresh_threshold()
 
     def _accept_still(
@@ -213,14 +215,14 @@ def _carry_over(
 
 def _row_modes(picture: Picture) -> Picture:
     """Return each row's most common brightness: road is one colour, vehicles are many."""
-    modes = np.zeros(len(picture), np.float32)
-    kernel = cv2.getGaussianKernel(25, 4.0)
-    for i, row in enumerate(picture):
-        values = row[row > 0].astype(np.uint8)
-        if len(values):
-            counts = np.bincount(values, minlength=256).astype(np.float32)[:, None]
-            modes[i] = int(cv2.filter2D(counts, -1, kernel).argmax())
-    return modes
+    rows = len(picture)
+    levels = np.clip(picture, 0, 255).astype(np.intp)
+    levels += np.arange(rows)[:, None] * 256
+    counts = np.bincount(levels.ravel(), minlength=rows * 256).reshape(rows, 256)
+    counts[:, 0] = 0  # nothing is seen there
+    return (
+        cv2.GaussianBlur(counts.astype(np.float32), (25, 1), 4.0).argmax(axis=1).astype(np.float32)
+    )
 
 
 def _evenly_lit(picture: Picture, window: int) -> Picture:

@@ -87,7 +87,7 @@ class LaneDetector:
     ) -> list[Interval]:
         """Search one band's lanes, the nearest to the camera first."""
         lanes = range(1, len(band.lane_rows) + 1)
-        away_is_left = float(np.median(band.lean_px[:, 1])) < 0
+        away_is_left = float(band.lean_px[:, 1].mean()) < 0
         found: list[Interval] = []
         tall: list[Interval] = []
         for lane in reversed(lanes) if away_is_left else lanes:
