@@ -18,7 +18,7 @@ from nicegui import ui
 from starlette.staticfiles import StaticFiles
 
 from queuetail import __version__
-from queuetail.console import api, health_page
+from queuetail.console import api, charts, health_page, map_view, picture, watch
 from queuetail.console.auth import Access, Guard, access_for, is_loopback
 from queuetail.console.source import ConsoleSource
 from queuetail.errors import InputError
@@ -27,7 +27,7 @@ STATIC = Path(__file__).parent / "static"
 LEAFLET = Path(nicegui.__file__).parent / "elements" / "leaflet" / "dist"
 CLOSE_S = 3.0
 LOOPBACK = "127.0.0.1"
-PAGES = (health_page.add,)  # each adds one screen's page
+PAGES = (watch.add, health_page.add)  # each adds one screen's page
 
 
 def create_api(source: ConsoleSource, access: Access, cookie: str = "queuetail") -> FastAPI:
@@ -39,7 +39,8 @@ def create_api(source: ConsoleSource, access: Access, cookie: str = "queuetail")
         docs_url=None,
         redoc_url=None,
     )
-    api.add(app, source)
+    for routes in (api, picture, map_view, charts):
+        routes.add(app, source)
     app.mount("/static/leaflet", StaticFiles(directory=LEAFLET), name="leaflet")
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
     app.add_middleware(Guard, access=access, cookie=cookie)

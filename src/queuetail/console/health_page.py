@@ -15,5 +15,5 @@ def add(source: ConsoleSource) -> None:
     @ui.page(HEALTH.path)
     def health_screen(request: Request) -> None:
         with page(source, HEALTH, request):
-            ui.element("div").props("id=qt-health").classes("qt-cards")
+            ui.element("div").props("id=qt-health").classes("qt-main qt-cards")
             ui.add_body_html('<script type="module" src="/static/health.js"></script>')
