@@ -8,10 +8,20 @@ from collections.abc import Sequence
 from types import ModuleType
 
 from queuetail import __version__
-from queuetail.commands import INTERRUPTED, history, live, measured, onboard, recorded, replay, sign
+from queuetail.commands import (
+    INTERRUPTED,
+    console,
+    history,
+    live,
+    measured,
+    onboard,
+    recorded,
+    replay,
+    sign,
+)
 from queuetail.errors import InputError
 
-GROUPS = (recorded, live, measured, replay, history, onboard, sign)
+GROUPS = (recorded, live, console, measured, replay, history, onboard, sign)
 
 
 def main(argv: list[str] | None = None) -> int:

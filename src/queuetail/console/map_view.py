@@ -68,7 +68,7 @@ def _camera(published: Published, mapping: GroundMapping) -> list[dict[str, Any]
                 height_agl_m=round(pose.height_agl_m, 1),
             )
         )
-    if published.frame is not None and mapping.origin is not None:
+    if published.frame is not None and mapping.origin is not None and is_placed(mapping):
         rim = seen_rim(mapping, published.frame.size)
         if len(rim) >= 3:
             ring = lon_lat(rim, mapping.origin)
@@ -153,10 +153,17 @@ def seen_rim(mapping: GroundMapping, size: tuple[int, int]) -> Floats:
     return np.concatenate([left[::-1], middle[:1], right])
 
 
+def is_placed(mapping: GroundMapping) -> bool:
+    """Tell whether a mapping holds beside the road, too: one fitted to vehicles alone does not."""
+    return mapping.pose is not None or mapping.intrinsics is not None
+
+
 def flat_picture(published: Published) -> Base | None:
     """Return the picture as seen from straight above; None where its place is not known."""
     mapping, frame = published.observation.mapping, published.frame
     if frame is None or not isinstance(mapping, GroundMapping) or mapping.origin is None:
+        return None
+    if not is_placed(mapping):
         return None
     rim = seen_rim(mapping, frame.size)
     if len(rim) < 3:

@@ -26,6 +26,7 @@ class About:
     start_s: float = 0.0  # of a finished run: the first and the last moment, as t_s
     end_s: float = 0.0
     step_s: float = 0.0  # usual time between two answers of a finished run
+    is_drawn: bool = False  # boxes and lines are part of the pictures already
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,11 +37,16 @@ def content(about: About) -> str:
         "start_s": about.start_s,
         "end_s": about.end_s,
         "step_s": about.step_s,
+        "drawn": about.is_drawn,
         "units": about.site.signs.units,
     }
-    boxes = "".join(
-        f'<label><input type="checkbox" data-layer="{key}" checked> {name}</label>'
-        for key, name in LAYERS
+    boxes = (
+        DRAWN
+        if about.is_drawn
+        else "".join(
+            f'<label><input type="checkbox" data-layer="{key}" checked> {name}</label>'
+            for key, name in LAYERS
+        )
     )
     return f"""
 <h1 class="qt-hidden">Watch</h1>
@@ -65,14 +70,17 @@ def content(about: About) -> str:
   </section>
   <section class="qt-card qt-mapcard" aria-label="Map"><h2>Map</h2>
     <div id="qt-map"></div><p class="qt-note" id="qt-mapnote"></p></section>
+  <div class="qt-charts">
   <section class="qt-card qt-chart"><h2>End of queue over time</h2>
     <canvas id="qt-eoq" role="img" aria-label="End of queue over time"></canvas></section>
   <section class="qt-card qt-chart"><h2>Vehicles in time and space</h2>
     <canvas id="qt-paths" role="img" aria-label="Vehicles in time and space"></canvas></section>
+  </div>
 </div>
 """
 
 
+DRAWN = "<span>Boxes and lines are part of this video</span>"
 PLAYER = """
 <div class="qt-player">
   <button type="button" id="qt-play" aria-label="Play">▶</button>

@@ -2,9 +2,9 @@
 import { MPS_PER_MPH, ask, fixed, units } from "./format.js";
 
 const EVERY_MS = 1000, WINDOW_S = 300, LEFT = 52, RIGHT = 10, TOP = 10, BOTTOM = 34;
-const COLOURS = ["#d4002a", "#0a62c4", "#8a5a00", "#6a1fa0"];
+const COLOURS = ["#e0304f", "#2f80d8", "#a8741a", "#9a4fd0"];
 // From standing to free: dark red to light blue, which differ in brightness, too.
-const SPEEDS = [[0, "#b3001e"], [2, "#e8590c"], [6, "#f2b134"], [12, "#8fb8de"], [1e9, "#3d7fc1"]];
+const SPEEDS = [[0.5, "#d0243c"], [2, "#e8590c"], [6, "#f2b134"], [12, "#8fb8de"], [1e9, "#3d7fc1"]];
 
 export class Charts {
   constructor(about, player) {
@@ -172,7 +172,7 @@ class Plot {
     c.textBaseline = "top";
     for (const t of ticks(this.t0, this.t1, Math.max(this.width / 110, 2), true)) {
       const text = `${Math.floor(t / 60)}:${String(Math.round(t % 60)).padStart(2, "0")}`;
-      c.fillText(text, this.x(t), this.height - BOTTOM + 4);
+      c.fillText(text, Math.min(this.x(t), this.width - 16), this.height - BOTTOM + 4);
     }
     c.textAlign = "left";
   }
@@ -187,9 +187,10 @@ class Plot {
 
   legend(entries) {
     const c = this.context;
-    let x = LEFT;
     const y = this.height - 8;
     c.textBaseline = "alphabetic";
+    const width = entries.reduce((sum, [, words]) => sum + c.measureText(words).width + 30, -15);
+    let x = Math.max(Math.min(LEFT, this.width - RIGHT - width), 0);
     for (const [colour, words] of entries) {
       if (colour === "hatch") {
         c.strokeStyle = this.dim;

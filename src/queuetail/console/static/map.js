@@ -58,7 +58,7 @@ export class MapView {
     layers.forEach((layer) => layer.addTo(this.layer));
     if (!this.fitted) {
       this.fitted = true;
-      const near = features.filter((f) => f.properties.kind === "view");
+      const near = features.filter((f) => ["view", "drone", "eoq"].includes(f.properties.kind));
       const bounds = L.geoJSON(near.length ? near : features).getBounds();
       this.map.fitBounds(bounds, { animate: false, padding: [8, 8] });
     }
