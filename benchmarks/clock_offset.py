@@ -19,7 +19,7 @@ from queuetail.flight import Flight, open_flight
 from queuetail.live.clock_offset import OffsetEstimator
 from queuetail.presets import PRESETS
 from queuetail.telemetry.flightlog import FlightLog
-from queuetail.types import Registration, TelemetrySample
+from queuetail.types import Registration
 
 SHIFTS_S = (-3.3, -1.0, -0.25, 0.0, 0.5, 2.0)
 LOGS = ((10.0, 0.1, 0.0), (10.0, 0.1, 0.03), (5.0, 0.1, 0.05), (1.0, 0.1, 0.0), (0.5, 1.0, 0.0))
@@ -74,14 +74,14 @@ def measure(folder: Path) -> list[float]:
     with open_flight(folder / "flight.mp4", log, site) as flight:
         moved = registrations(folder, flight)
         size = flight.video.width_px, flight.video.height_px
+        found = OffsetEstimator(*size, site.camera)
+        for t_s, registration in moved:
+            found.add(t_s, registration)
         for rate_hz, round_deg, jitter_s in LOGS:
             told = coarse(flight, moved[-1][0], rate_hz, round_deg, jitter_s)
             cells = []
             for shift_s in SHIFTS_S:
-                found = OffsetEstimator(*size, site.camera)
-                for t_s, registration in moved:
-                    found.add(t_s, registration, _at(told, t_s + shift_s, t_s))
-                offset = found.estimate()
+                offset = found.estimate(told.shifted(-shift_s).at)
                 if offset.offset_s is None or offset.sigma_s is None:
                     cells.append("    unknown   ")
                     continue
@@ -91,11 +91,6 @@ def measure(folder: Path) -> list[float]:
             row = f"{rate_hz:4.1f} Hz {round_deg:.1f}° ±{1000 * jitter_s:2.0f} ms"
             print(f"{folder.name:16s} {row}  {' '.join(cells)}", flush=True)
     return in_sigmas
-
-
-def _at(log: FlightLog, log_s: float, t_s: float) -> TelemetrySample:
-    """Return the log as one whose times are too early by `log_s - t_s` is read at `t_s`."""
-    return dataclasses.replace(log.at(log_s), t_s=t_s)
 
 
 def main() -> None:

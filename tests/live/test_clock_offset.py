@@ -71,9 +71,7 @@ def told(pose_at: Callable[[float], CameraPose], rate_hz: float, round_deg: floa
     return FlightLog(samples, "here")
 
 
-def estimator(
-    pose_at: Callable[[float], CameraPose], log: FlightLog, noise_px: float = 0.1
-) -> OffsetEstimator:
+def estimator(pose_at: Callable[[float], CameraPose], noise_px: float = 0.1) -> OffsetEstimator:
     """Return what has seen the flight: exact homographies, shaken by noise."""
     rng = np.random.default_rng(7)
     found = OffsetEstimator(*SIZE)
@@ -87,14 +85,14 @@ def estimator(
         H[:2, 2] += rng.normal(0, noise_px, 2)
         lost = 300 <= k < 330
         registration = Registration(H, 0.0 if lost else 1.0, "blurred" if lost else "")
-        found.add(t_s, registration, log.at(t_s))
+        found.add(t_s, registration)
     return found
 
 
 @pytest.mark.parametrize("offset_s", [-3.3, -0.25, 0.0, 0.5, 4.0])
 def test_known_offsets_are_found(offset_s: float) -> None:
     pose_at = flown(1.5, 1.6)
-    found = estimator(pose_at, told(pose_at, 10.0, 0.1).shifted(-offset_s)).estimate()
+    found = estimator(pose_at).estimate(told(pose_at, 10.0, 0.1).shifted(-offset_s).at)
     assert found.offset_s is not None
     assert found.sigma_s is not None
     assert found.offset_s == pytest.approx(offset_s, abs=0.03)
@@ -105,8 +103,8 @@ def test_known_offsets_are_found(offset_s: float) -> None:
 
 def test_slow_telemetry_costs_certainty_not_truth() -> None:
     pose_at = flown(1.5, 1.6)
-    fast = estimator(pose_at, told(pose_at, 10.0, 0.1).shifted(-1.0)).estimate()
-    slow = estimator(pose_at, told(pose_at, 1.0, 0.1).shifted(-1.0)).estimate()
+    fast = estimator(pose_at).estimate(told(pose_at, 10.0, 0.1).shifted(-1.0).at)
+    slow = estimator(pose_at).estimate(told(pose_at, 1.0, 0.1).shifted(-1.0).at)
     assert fast.sigma_s is not None
     assert slow.sigma_s is not None
     assert slow.sigma_s > fast.sigma_s
@@ -116,7 +114,7 @@ def test_slow_telemetry_costs_certainty_not_truth() -> None:
 def test_a_drone_that_stands_still_tells_nothing() -> None:
     pose_at = flown(0.0, 0.0)
     still = pose_at(3.0)
-    found = estimator(lambda t_s: still, told(lambda t_s: still, 10.0, 0.1)).estimate()
+    found = estimator(lambda t_s: still).estimate(told(lambda t_s: still, 10.0, 0.1).at)
     assert found.offset_s is None
     assert found.reason == "the drone does not move enough to tell"
 
@@ -125,7 +123,7 @@ def test_telemetry_of_another_flight_agrees_nowhere() -> None:
     settings = {"flight": {"gust_m": 1.5, "gust_deg": 1.6}}
     other = TruePath(parse_settings(Scenario, settings, "here"), 99)
     log = told(lambda t_s: other.view(t_s).pose, 10.0, 0.1)
-    found = estimator(flown(1.5, 1.6), log).estimate()
+    found = estimator(flown(1.5, 1.6)).estimate(log.at)
     assert found.offset_s is None
     assert found.reason
 
@@ -146,10 +144,10 @@ def test_noise_has_no_offset() -> None:
 
 def test_what_was_too_short_or_says_nothing_is_unknown() -> None:
     found = OffsetEstimator(*SIZE)
-    assert found.estimate().reason == "less than 20 s were seen"
+    assert found.estimate(TelemetrySample).reason == "less than 20 s were seen"
     for k in range(400):
-        found.add(k / 10, Registration(np.eye(3), 1.0), TelemetrySample(k / 10))
-    assert found.estimate().reason == "telemetry does not tell the camera's pose"
+        found.add(k / 10, Registration(np.eye(3), 1.0))
+    assert found.estimate(TelemetrySample).reason == "telemetry does not tell the camera's pose"
 
 
 def test_only_what_is_sure_is_told() -> None:
@@ -172,34 +170,62 @@ def test_a_run_says_that_its_log_is_off(flagger: Path, tmp_path: Path) -> None:
     assert advised_s == pytest.approx(0.0, abs=0.25)
 
 
-def test_a_live_run_is_warned() -> None:
-    pose_at = flown(1.5, 1.6)
-    seen = estimator(pose_at, told(pose_at, 10.0, 0.1).shifted(-1.0))
-    warnings: dict[str, str] = {}
-    watch = ClockWatch(Site(), lambda name, sentence: warnings.update({name: sentence}))
+def publish(watch: ClockWatch, seen: OffsetEstimator, log: FlightLog, later_s: float) -> None:
+    """Offer what was seen as a live run does, whose pictures were taken `later_s` after t_s."""
     luma = np.zeros((SIZE[1], SIZE[0]), np.uint8)
     start = datetime(2026, 5, 14, tzinfo=UTC)
     for number, one in enumerate(seen._seen):
-        registration = Registration(
-            np.eye(3) if one.H_ref_frame is None else one.H_ref_frame,
-            1.0,
-            "blurred" if one.H_ref_frame is None else "",
-        )
-        frame = Frame(number, one.t_s, luma, lambda w, h: np.zeros((h, w, 3), np.uint8))
+        lost = one.H_ref_frame is None
+        H = np.eye(3) if one.H_ref_frame is None else one.H_ref_frame
         answer = Observation(
             frame_index=number,
             t_s=one.t_s,
             mapping=Unknown(()),
-            registration=registration,
+            registration=Registration(H, 1.0, "blurred" if lost else ""),
             detections_px=np.empty((0, 4)),
             approaches=(),
             vehicles=assign(NO_TRACKS, ()),
             states=(),
         )
-        utc = start + timedelta(seconds=one.t_s)
-        watch.offer(Published(number, utc, frame, answer, Health(), one.telemetry))
+        watch.offer(
+            Published(
+                number=number,
+                utc=start + timedelta(seconds=one.t_s),
+                frame=Frame(number, one.t_s, luma, lambda w, h: np.zeros((h, w, 3), np.uint8)),
+                observation=answer,
+                health=Health(),
+                telemetry=log.at(one.t_s),
+                captured_s=one.t_s + later_s,
+            )
+        )
+
+
+def test_a_live_run_is_warned() -> None:
+    """Of a recording that is played, whose log is not heard but used."""
+    pose_at = flown(1.5, 1.6)
+    warnings: dict[str, str] = {}
+    watch = ClockWatch(Site())
+    watch.warn_by(lambda name, sentence: warnings.update({name: sentence}))
+    publish(watch, estimator(pose_at), told(pose_at, 10.0, 0.1).shifted(-1.0), 0.0)
     watch.close()
     assert watch.health().state is OutletState.OK
     assert watch.health().delivered >= 1
     assert "1.00 ± 0.0" in warnings["clock"]
     assert watch.newest.offset_s == pytest.approx(1.0, abs=0.05)
+
+
+def test_telemetry_that_is_heard_counts_as_it_was_heard() -> None:
+    """What a run uses of it holds until something newer comes, which is no offset."""
+    pose_at = flown(1.5, 1.6)
+    site = parse_settings(Site, {"telemetry": {"offset_s": 0.4}}, "here")
+    warnings: dict[str, str] = {}
+    watch = ClockWatch(site)
+    watch.warn_by(lambda name, sentence: warnings.update({name: sentence}))
+    log = told(pose_at, 10.0, 0.1).shifted(1000.0 - 1.0)
+    for sample in log.samples:
+        watch.hear(sample, datetime.now(UTC), "radio")
+    stale = told(lambda t_s: pose_at(t_s - 0.5), 10.0, 0.1)
+    publish(watch, estimator(pose_at), stale, 1000.0)
+    watch.close()
+    assert watch.newest.offset_s == pytest.approx(0.6, abs=0.05)
+    assert "set offset_s = 1.0" in warnings["clock"]

@@ -105,16 +105,22 @@ def _live(arguments: argparse.Namespace) -> int:
         if not a.no_store:
             sinks.append(_store(a, site, source, started_utc))
             closing.callback(sinks[-1].close)
+        clock = ClockWatch(site)
+        sinks.append(clock)
+        closing.callback(clock.close)
         run = LiveRun(
             source,
             feed,
             site,
             a.preset,
             packet_sinks=(recorder.packet,) if recorder is not None else (),
-            telemetry_sinks=(recorder.telemetry,) if recorder is not None else (),
+            telemetry_sinks=(
+                *((recorder.telemetry,) if recorder is not None else ()),
+                clock.hear,
+            ),
             folder=a.record or a.out,
         )
-        sinks.append(ClockWatch(site, run.warn))
+        clock.warn_by(run.warn)
         if a.out:
             sinks += file_outlets(writable_folder(a.out), source.name, a.preset, site)
         shown = LiveSource(run.health, source.name, a.preset, site, a.site)

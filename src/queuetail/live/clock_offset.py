@@ -19,7 +19,6 @@ import numpy as np
 from queuetail.config import CameraOverride
 from queuetail.geo.ground import mapping_from_pose
 from queuetail.mapping import camera_pose
-from queuetail.telemetry.flightlog import FlightLog
 from queuetail.types import (
     Bools,
     Floats,
@@ -54,6 +53,9 @@ DISAGREE = "the picture does not move as telemetry says, at any offset"
 AMBIGUOUS = "the motion fits more than one offset"
 
 
+TelemetryAt = Callable[[float], TelemetrySample]
+
+
 @dataclass(frozen=True, slots=True)
 class ClockOffset:
     """What is to be added to telemetry's times, as `[telemetry] offset_s` is; or why unknown."""
@@ -73,16 +75,15 @@ class ClockOffset:
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """One picture: how it moved, and what telemetry is said to have been then."""
+    """How one picture lay to the reference."""
 
     t_s: float
     epoch: int
     H_ref_frame: Floats | None  # None while the picture is lost
-    telemetry: TelemetrySample
 
 
 class OffsetEstimator:
-    """Collects pictures' motion and telemetry of the last minutes; estimates when asked."""
+    """Collects the pictures' motion of the last minutes; compares it with telemetry when asked."""
 
     def __init__(
         self,
@@ -98,10 +99,10 @@ class OffsetEstimator:
         across, down = np.array([0.15, 0.85, 0.5, 0.85, 0.15]), np.array([0.5, 0.5, 0.7, 0.9, 0.9])
         self._points_px = np.column_stack([across * width_px, down * height_px])
 
-    def add(self, t_s: float, registration: Registration, telemetry: TelemetrySample) -> None:
-        """Take one picture's registration, and what telemetry is said to have been then."""
+    def add(self, t_s: float, registration: Registration) -> None:
+        """Take one picture's registration; its time is on the clock that telemetry is asked by."""
         H = None if registration.reason else registration.H_ref_frame
-        self._seen.append(Seen(t_s, registration.epoch, H, telemetry))
+        self._seen.append(Seen(t_s, registration.epoch, H))
         while self._seen[0].t_s < t_s - self._window_s:
             self._seen.popleft()
 
@@ -111,16 +112,17 @@ class OffsetEstimator:
         twin._seen.extend(self._seen)
         return twin
 
-    def estimate(self) -> ClockOffset:
-        """Return the offset that remains, or why it cannot be known."""
+    def estimate(self, telemetry_at: TelemetryAt) -> ClockOffset:
+        """Return what is to be added to telemetry's times, or why that cannot be known."""
         seen = list(self._seen)
         if len(seen) < 2 or seen[-1].t_s - seen[0].t_s < LEAST_S:
             return ClockOffset(None, reason=f"less than {LEAST_S:.0f} s were seen")
         times = np.arange(seen[0].t_s, seen[-1].t_s, STEP_S)
-        told = self._told_motion(seen, times)
+        samples = [telemetry_at(t_s) for t_s in times.tolist()]
+        told = self._told_motion(samples)
         if told is None:
             return ClockOffset(None, reason="telemetry does not tell the camera's pose")
-        return best_shift(self._seen_motion(seen, times), told, told_every_s(seen))
+        return best_shift(self._seen_motion(seen, times), told, told_every_s(samples))
 
     def _seen_motion(self, seen: Sequence[Seen], times: Floats) -> Floats:
         """Return how the points moved in the picture around each time; NaN where unknown."""
@@ -142,14 +144,13 @@ class OffsetEstimator:
         moved = self._displacements(np.linalg.inv(_or_identity(before)) @ _or_identity(after))
         return _padded(np.where(known[:, None], moved, np.nan), half)
 
-    def _told_motion(self, seen: Sequence[Seen], times: Floats) -> Floats | None:
+    def _told_motion(self, samples: Sequence[TelemetrySample]) -> Floats | None:
         """Return how the points should have moved by telemetry; None where it tells no pose."""
-        log = FlightLog([s.telemetry for s in seen], "telemetry")
-        to_enu = np.full((len(times), 3, 3), np.nan)
-        to_px = np.full((len(times), 3, 3), np.nan)
+        to_enu = np.full((len(samples), 3, 3), np.nan)
+        to_px = np.full((len(samples), 3, 3), np.nan)
         origin: Origin | None = None
-        for i, t_s in enumerate(times.tolist()):
-            pose = camera_pose(log.at(t_s), *self._size, self._camera)
+        for i, sample in enumerate(samples):
+            pose = camera_pose(sample, *self._size, self._camera)
             if isinstance(pose, Unknown):
                 continue
             origin = origin or Origin(pose.lat_deg, pose.lon_deg)
@@ -174,9 +175,7 @@ class OffsetEstimator:
 class OffsetWatch:
     """A sink of a run that says at its end where the log's clock is surely off."""
 
-    def __init__(
-        self, telemetry_at: Callable[[float], TelemetrySample], camera: CameraOverride
-    ) -> None:
+    def __init__(self, telemetry_at: TelemetryAt, camera: CameraOverride) -> None:
         self._telemetry_at, self._camera = telemetry_at, camera
         self._estimator: OffsetEstimator | None = None
 
@@ -184,8 +183,7 @@ class OffsetWatch:
         """Take one frame's registration."""
         if self._estimator is None:
             self._estimator = OffsetEstimator(*frame.size, self._camera)
-        told = self._telemetry_at(frame.t_s)
-        self._estimator.add(frame.t_s, observation.registration, told)
+        self._estimator.add(frame.t_s, observation.registration)
 
     def close(self) -> None:
         """Nothing is open."""
@@ -194,7 +192,7 @@ class OffsetWatch:
         """Return a sentence where the offset is beyond doubt; `set_s` is what the site file has."""
         if self._estimator is None:
             return ()
-        note = offset_note(self._estimator.estimate(), set_s)
+        note = offset_note(self._estimator.estimate(self._telemetry_at), set_s)
         return (note,) if note else ()
 
 
@@ -239,17 +237,18 @@ def best_shift(seen: Floats, told: Floats, told_every_s: float = STEP_S) -> Cloc
     return ClockOffset(shift_s, sigma_s, agreement)
 
 
-def told_every_s(seen: Sequence[Seen]) -> float:
-    """Return how often telemetry said something new: between samples it was interpolated.
+def told_every_s(samples: Sequence[TelemetrySample]) -> float:
+    """Return how often telemetry said something new, of samples that are STEP_S apart.
 
-    Each sample bends the line of values: between two pictures that shows twice, at a picture once.
+    Between its own samples it is interpolated, so each of them bends the line of values: between
+    two of ours that shows twice, at one of them once.
     """
-    times = np.array([s.t_s for s in seen])
-    told = np.array([[getattr(s.telemetry, name) for name in BENT] for s in seen], float)
-    slopes = np.diff(told, axis=0) / np.diff(times)[:, None]
-    bent = (np.abs(np.diff(slopes, axis=0)) > list(BENT.values())).any(axis=1)
+    told = np.array([[getattr(s, name) for name in BENT] for s in samples], float)
+    slopes = np.diff(told, axis=0) / STEP_S
+    bends = np.abs(np.diff(slopes, axis=0)) > list(BENT.values())
+    bent: Bools = np.asarray(bends.any(axis=1))
     twice = 0 if bent.mean() > 0.8 else (bent[1:] & bent[:-1]).sum()  # else all run together
-    return float((times[-1] - times[0]) / max(bent.sum() - twice, 1))
+    return float(len(samples) * STEP_S / max(bent.sum() - twice, 1))
 
 
 def _moves(seen: Floats, told_every_s: float) -> float:

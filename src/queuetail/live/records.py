@@ -68,4 +68,5 @@ class Published:
     telemetry: TelemetrySample | None = None  # what the pipeline was given with the frame
     session: int = 0  # counts the video connections of this run
     pts_s: float | None = None  # the frame's own time in its session's stream
+    captured_s: float | None = None  # when the frame was taken, on the clock of telemetry's samples
     doubts: tuple[str, ...] = ()  # why the run did not believe the pipeline's states, if it did not

@@ -165,6 +165,7 @@ class LiveRun:
                 telemetry=answer.telemetry if answer else None,
                 session=answer.captured.session if answer else session,
                 pts_s=answer.captured.pts_s if answer else None,
+                captured_s=answer.captured.captured_s if answer else None,
                 doubts=answer.doubts if answer else (),
             )
             self._newest = published
