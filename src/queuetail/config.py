@@ -63,6 +63,7 @@ class ApproachSite(Settings):
     lanes: Annotated[int, Field(ge=1, le=12)] = 1
     lane_width_m: Annotated[float, Field(gt=1.5, lt=10)] = 3.5
     start_station_m: Finite = 0.0  # of the axis' first point
+    taper_station_m: Finite | None = None  # where the first lane begins to close
     axis: tuple[LatLon, ...] | None = None
     axis_enu_m: tuple[Metres2, ...] | None = None
 

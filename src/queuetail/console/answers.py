@@ -32,7 +32,6 @@ from queuetail.types import (
     Observation,
     Origin,
     QueueState,
-    QueueStatus,
 )
 
 LEAST_GROWTH_MPS = 0.05  # slower than this, no time is told at which the queue reaches a sign
@@ -72,8 +71,15 @@ def approach_state(state: QueueState, observation: Observation, site: Site) -> A
         reasons=list(state.reasons),
         eoq=eoq_record(state.eoq) if state.eoq is not None else None,
         signs=signs,
-        taper_distance_m=None,
+        taper_distance_m=taper_distance_m(state, site),
     )
+
+
+def taper_distance_m(state: QueueState, site: Site) -> float | None:
+    """Return how far the taper lies downstream of the end of the queue, if both are known."""
+    tapers = (a.taper_station_m for a in site.approach if a.name == state.approach)
+    taper_m = next(tapers, None)
+    return None if state.eoq is None or taper_m is None else taper_m - state.eoq.station_m
 
 
 def sign_distance(name: str, station_m: float, eoq: EndOfQueue | None) -> SignDistance:
@@ -213,11 +219,6 @@ def origin_of(observation: Observation) -> Origin | None:
     """Return the geodetic place that the observation's metres are counted from, if known."""
     mapping = observation.mapping
     return mapping.origin if isinstance(mapping, GroundMapping) else None
-
-
-def is_known(state: QueueState) -> bool:
-    """Tell whether an answer is one."""
-    return state.status is not QueueStatus.UNKNOWN
 
 
 def known(value: float | None, digits: int = 6) -> float | None:

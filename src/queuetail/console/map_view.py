@@ -6,6 +6,9 @@ import asyncio
 import json
 import math
 from dataclasses import dataclass
+from functools import partial
+from threading import Lock
+from time import monotonic
 from typing import Annotated, Any
 
 import cv2
@@ -27,7 +30,9 @@ LEAST_REACH_M = 200.0
 RIM = 24  # samples down each side of the picture
 BASE_PX = 900  # the longer side of the flat picture
 GRID = 16  # pixels between the points that are projected exactly
-PAST_S = 600.0
+PAST_S = 600.0  # of the queue's end, on the map
+LONGEST_PX = 1280
+FRESH_S = 1.5  # all viewers share a flat picture for so long
 PAST_POINTS = 200
 
 
@@ -193,9 +198,6 @@ def flat_picture(published: Published) -> Base | None:
     return Base(webp, (float(lat[0]), float(lon[0])), (float(lat[1]), float(lon[1])))
 
 
-LONGEST_PX = 1280
-
-
 def lon_lat(enu: Floats, origin: Origin) -> list[list[float]]:
     """Return ground points as GeoJSON wants them: longitude first."""
     lat, lon = geodetic_from_enu(enu, origin)
@@ -210,6 +212,30 @@ def feature(geometry: str, coordinates: Any, **properties: Any) -> dict[str, Any
         "geometry": {"type": geometry, "coordinates": coordinates},
         "properties": properties,
     }
+
+
+class SharedBase:
+    """Lays a picture flat once for all viewers."""
+
+    def __init__(self, source: ConsoleSource) -> None:
+        self._source = source
+        self._lock = Lock()
+        self._made_s = -math.inf
+        self._base: Base | None = None
+
+    def newest(self) -> Base | None:
+        """Return the newest picture laid flat, at most FRESH_S old."""
+        with self._lock:
+            if monotonic() - self._made_s > FRESH_S:
+                published = self._source.newest()
+                self._base = flat_picture(published) if published is not None else None
+                self._made_s = monotonic()
+            return self._base
+
+    def at(self, t_s: float) -> Base | None:
+        """Return a finished run's picture laid flat."""
+        published = self._source.at(t_s)
+        return flat_picture(published) if published is not None else None
 
 
 Moment = Annotated[float | None, Query(ge=0, le=864_000, allow_inf_nan=False)]
@@ -233,6 +259,8 @@ def add(app: FastAPI, source: ConsoleSource) -> None:
 
         return Response(await asyncio.to_thread(made), media_type=GEOJSON)
 
+    shared = SharedBase(source)
+
     @app.get(
         "/api/v1/map/picture",
         tags=["places"],
@@ -245,11 +273,7 @@ def add(app: FastAPI, source: ConsoleSource) -> None:
     async def base(t_s: Moment = None) -> Response:
         """Return the picture as seen from above; X-Bounds has south, west, north, east."""
 
-        def made() -> Base | None:
-            published = source.newest() if t_s is None else source.at(t_s)
-            return flat_picture(published) if published is not None else None
-
-        found = await asyncio.to_thread(made)
+        found = await asyncio.to_thread(shared.newest if t_s is None else partial(shared.at, t_s))
         if found is None:
             return Response(status_code=404)
         bounds = ",".join(f"{v:.7f}" for v in (*found.south_west, *found.north_east))
