@@ -1,0 +1,1 @@
+"""Feeds and messages: the answers of a live run, in the formats that others read."""
