@@ -10,6 +10,7 @@ from types import ModuleType
 from queuetail import __version__
 from queuetail.commands import (
     INTERRUPTED,
+    check,
     console,
     history,
     live,
@@ -21,7 +22,7 @@ from queuetail.commands import (
 )
 from queuetail.errors import InputError
 
-GROUPS = (recorded, live, console, measured, replay, history, onboard, sign)
+GROUPS = (recorded, check, live, console, measured, replay, history, onboard, sign)
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -38,8 +38,14 @@ class CameraOverride(Settings):
     distortion: Annotated[tuple[Finite, ...], Field(max_length=5)] = ()
 
 
+CONSTANTS = (
+    *("lat_deg", "lon_deg", "height_agl_m"),
+    *("heading_deg", "gimbal_pitch_deg", "gimbal_roll_deg"),
+)
+
+
 class TelemetryFill(Settings):
-    """`[telemetry]`: constants for what the flight log lacks, and its offset to the video."""
+    """`[telemetry]`: constants for what the flight log lacks, and what is to be added to it."""
 
     offset_s: Finite = 0.0  # added to the log's times: positive where the log started later
     lat_deg: Latitude | None = None
@@ -48,6 +54,15 @@ class TelemetryFill(Settings):
     heading_deg: Finite | None = None
     gimbal_pitch_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
     gimbal_roll_deg: Finite | None = None
+    # Added to what the log or a constant says, as `queuetail check --improve` finds them.
+    heading_offset_deg: Annotated[float, Field(ge=-180, le=180)] = 0.0
+    pitch_offset_deg: Annotated[float, Field(ge=-45, le=45)] = 0.0
+    height_offset_m: Annotated[float, Field(ge=-1000, le=1000)] = 0.0
+
+    @property
+    def constants(self) -> dict[str, float]:
+        """The fields that are filled, and with what."""
+        return {n: v for n in CONSTANTS if (v := getattr(self, n)) is not None}
 
 
 class QueueSettings(Settings):

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 
-from queuetail.config import Site
+from queuetail.config import Site, TelemetryFill
 from queuetail.errors import InputError
-from queuetail.mapping import POSE_FIELDS, site_origin
+from queuetail.mapping import POSE_FIELDS, corrected, site_origin
 from queuetail.telemetry import FlightLog, read_telemetry
 from queuetail.telemetry.container import NoTelemetryError
 from queuetail.telemetry.read import VideoClock
@@ -28,9 +28,11 @@ class Flight:
         log: FlightLog | None,
         telemetry_path: Path | None,
         origin: Origin | None,
+        correction: TelemetryFill,
     ) -> None:
         self._file = video
         self._log = log
+        self._correction = correction
         self.origin = origin
         self.telemetry_path = telemetry_path
         self.video: VideoInfo = video.info
@@ -52,8 +54,10 @@ class Flight:
         return self._file.frames()
 
     def telemetry_at(self, t_s: float) -> TelemetrySample:
-        """Return what telemetry says at `t_s`; empty where there is none."""
-        return self._log.at(t_s) if self._log is not None else TelemetrySample(t_s)
+        """Return what telemetry says at `t_s`, corrected; empty where there is none."""
+        if self._log is None:
+            return TelemetrySample(t_s)
+        return corrected(self._log.at(t_s), self._correction)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -76,7 +80,7 @@ def open_flight(video: Path, telemetry: Path | None, site: Site) -> Flight:
     except InputError:
         file.close()
         raise
-    return Flight(file, log, source, origin)
+    return Flight(file, log, source, origin, site.telemetry)
 
 
 def _find_log(
@@ -103,7 +107,7 @@ def _find_log(
 
 def _completed(log: FlightLog, site: Site) -> FlightLog:
     """Shift the log by the site's offset and fill what it lacks with the site's constants."""
-    constants = site.telemetry.model_dump(exclude={"offset_s"}, exclude_none=True)
+    constants = site.telemetry.constants
     if site.camera.hfov_deg is not None:
         constants["hfov_deg"] = site.camera.hfov_deg
     return log.shifted(site.telemetry.offset_s).filled(**constants)

@@ -14,7 +14,7 @@ from queuetail.errors import InputError
 from queuetail.flight import open_flight
 from queuetail.geo.earth import geodetic_from_enu
 from queuetail.geo.ground import covariance, mapping_from_pose, px_to_enu
-from queuetail.mapping import camera_pose
+from queuetail.mapping import camera_pose, corrected
 from queuetail.presets import telemetry_or_control_points
 from queuetail.registrar import STILL
 from queuetail.telemetry.stills import read_still
@@ -66,9 +66,10 @@ def locate(
 def _still_mapping(source: Path, site: Site) -> tuple[GroundMapping, tuple[int, int]]:
     still = read_still(source)
     size = still.width_px, still.height_px
-    constants = site.telemetry.model_dump(exclude={"offset_s"}, exclude_none=True)
+    constants = site.telemetry.constants
     lacking = {k: v for k, v in constants.items() if getattr(still.sample, k) is None}
-    pose = camera_pose(dataclasses.replace(still.sample, **lacking), *size, site.camera)
+    sample = corrected(dataclasses.replace(still.sample, **lacking), site.telemetry)
+    pose = camera_pose(sample, *size, site.camera)
     if isinstance(pose, Unknown):
         raise InputError(f"{source}: {'; '.join(pose.reasons)}; give it in a site file (--site)")
     return mapping_from_pose(pose, Origin(pose.lat_deg, pose.lon_deg)), size

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from queuetail.config import CameraOverride, Site
+from queuetail.config import CameraOverride, Site, TelemetryFill
 from queuetail.errors import InputError
 from queuetail.geo.camera import intrinsics_from_hfov
 from queuetail.geo.earth import enu_from_geodetic
@@ -164,6 +164,19 @@ def moved(reference: GroundMapping, H_ref_frame: Floats) -> GroundMapping:
         reference,
         H_enu_px=reference.H_enu_px @ H_ref_frame,
         H_px_enu=np.linalg.inv(H_ref_frame) @ reference.H_px_enu,
+    )
+
+
+def corrected(sample: TelemetrySample, fill: TelemetryFill) -> TelemetrySample:
+    """Return the sample with the site's offsets of heading, pitch and height added."""
+    heading, pitch, height = sample.heading_deg, sample.gimbal_pitch_deg, sample.height_agl_m
+    if not (fill.heading_offset_deg or fill.pitch_offset_deg or fill.height_offset_m):
+        return sample
+    return dataclasses.replace(
+        sample,
+        heading_deg=None if heading is None else (heading + fill.heading_offset_deg) % 360.0,
+        gimbal_pitch_deg=None if pitch is None else pitch + fill.pitch_offset_deg,
+        height_agl_m=None if height is None else height + fill.height_offset_m,
     )
 
 

@@ -8,7 +8,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Protocol
 
 from queuetail.config import Site
-from queuetail.mapping import POSE_FIELDS
+from queuetail.mapping import POSE_FIELDS, corrected
 from queuetail.telemetry.klv import Losses, sample_of
 from queuetail.telemetry.live_log import LiveLog
 from queuetail.types import TelemetrySample
@@ -118,6 +118,7 @@ class LiveFeed:
         self.name = KLV_NAME if source is None else source.name
         self._source = source
         self._offset_s = site.telemetry.offset_s
+        self._correction = site.telemetry
         self._constants = site_constants(site)
         self._log = LiveLog(constants=self._constants)
         self._heard: Heard = lambda sample, utc, name: None
@@ -132,7 +133,7 @@ class LiveFeed:
     def at(self, captured: Captured) -> TelemetrySample:
         """Return what telemetry says of the moment when the picture was taken."""
         sample = self._log.at(captured.captured_s - self._offset_s)
-        return replaced_time(sample, captured.frame.t_s)
+        return replaced_time(corrected(sample, self._correction), captured.frame.t_s)
 
     def take(self, found: Metadata) -> None:
         """Take KLV from the video, where that is the source."""
@@ -186,7 +187,7 @@ class LiveFeed:
 
 def site_constants(site: Site) -> dict[str, float]:
     """Return what the site file says of the pose, for what telemetry never tells."""
-    constants: dict[str, float] = site.telemetry.model_dump(exclude={"offset_s"}, exclude_none=True)
+    constants = site.telemetry.constants
     if site.camera.hfov_deg is not None:
         constants["hfov_deg"] = site.camera.hfov_deg
     return constants
