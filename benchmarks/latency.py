@@ -1,4 +1,5 @@
-"""Measure the delay from a camera to the published answer: `latency.py [--seconds 40]`.
+"""Measure live delays: from a camera to the published answer, and until answers are back after a
+kill: `latency.py [--seconds 40]`.
 
 The bundled flight goes out at 720p and 30 pictures a second over UDP and RTSP, with and without
 other work on every core.  Every picture carries when it was sent (MISB ST 0604), so that the figure
@@ -15,10 +16,10 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from time import sleep
+from time import monotonic, sleep
 
 import numpy as np
 
@@ -28,12 +29,14 @@ from queuetail.flight import open_flight
 from queuetail.live.feed import LiveFeed, RecordedFeed, TelemetryFeed
 from queuetail.live.records import OutletHealth, OutletState, Published
 from queuetail.live.runtime import LiveRun
+from queuetail.types import QueueStatus
 from queuetail.video.stream_source import parse_source
 
 ROOT = Path(__file__).resolve().parent.parent
 FLAGGER = ROOT / "examples" / "flagger"
 CLIP = ROOT / "out" / "benchmark" / "live" / "flagger_live.ts"
 SETTLE_S = 5.0
+GAPS_S = (1.5, 5.0)
 BUSY = "while True: sum(range(10000))"
 
 
@@ -54,14 +57,16 @@ class Result:
 
 
 class Delays:
-    """A sink that notes how long after its picture was sent each answer comes."""
+    """A sink that notes when each answer comes, and how long after its picture was sent."""
 
     def __init__(self) -> None:
         self.delays_ms: list[float] = []
         self.is_counting = False
+        self.answers: list[tuple[float, Published]] = []
 
     def offer(self, published: Published) -> None:
-        """Note one answer's delay."""
+        """Note one answer."""
+        self.answers.append((monotonic(), replace(published, frame=None)))
         if self.is_counting and published.frame is not None:
             delay = datetime.now(UTC) - published.utc
             self.delays_ms.append(1000 * delay.total_seconds())
@@ -148,6 +153,31 @@ def measure(transport: str, busy_processes: int, seconds: float) -> Result:
     )
 
 
+def recovery(transport: str, gap_s: float) -> tuple[float, float]:
+    """Kill the camera, start it anew after the gap; return the delays until it is known again.
+
+    The first is to the first answer to a picture, the second to the first that is not unknown, both
+    from when the camera sent its first picture.
+    """
+    clip, sink = live_flight(), Delays()
+    telemetry = FLAGGER / "telemetry.csv" if transport == "udp" else None
+    with way(transport) as (watched, sent_to, container_format):
+        run = LiveRun(parse_source(watched), feed_for(transport), read_site(FLAGGER / "site.toml"))
+        run.subscribe(sink)
+        run.start()
+        with Sender(clip, sent_to, container_format, telemetry=telemetry):
+            sleep(SETTLE_S)
+        sleep(gap_s)
+        before = len(sink.answers)
+        with Sender(clip, sent_to, container_format, telemetry=telemetry) as sender:
+            sleep(SETTLE_S)
+            sent_s = min(sender.kill().values())
+        run.stop()
+    after = [(at_s - sent_s, p) for at_s, p in sink.answers[before:] if p.pts_s is not None]
+    known = (d for d, p in after if p.observation.states[0].status is not QueueStatus.UNKNOWN)
+    return after[0][0], next(known)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=40.0)
@@ -170,6 +200,12 @@ def main() -> None:
                 f"| {r.from_arrival_p50_ms} | {r.from_arrival_p99_ms} | {r.dropped} |",
                 flush=True,
             )
+    print("| way | gone for, s | first answer after, s | first known state after, s |")
+    print("|---|---|---|---|")
+    for transport in ("udp", "rtsp"):
+        for gap_s in GAPS_S:
+            first_s, known_s = recovery(transport, gap_s)
+            print(f"| {transport} | {gap_s} | {first_s:.2f} | {known_s:.2f} |", flush=True)
     if arguments.json:
         arguments.json.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
 

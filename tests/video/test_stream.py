@@ -33,7 +33,7 @@ TELEMETRY = """t_s,lat,lon,height_agl_m,heading_deg,gimbal_pitch_deg,gimbal_roll
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_live_clip(tmp_path_factory.mktemp("clip") / "clip.ts")
+    return write_live_clip(tmp_path_factory.mktemp("clip") / "clip.ts", seconds=1)
 
 
 class Viewer:
@@ -124,7 +124,7 @@ def test_tcp_keeps_up_when_its_reader_is_slow(tmp_path: Path) -> None:
     clip = write_live_clip(tmp_path / "clip.ts", rate_hz=60)
     url = f"tcp://127.0.0.1:{free_port()}"
     with viewing(f"{url}?listen", slow_s=0.025) as viewer, Sender(clip, url, "mpegts") as sender:
-        viewer.wait(lambda: viewer.video.status().skipped > 60)
+        viewer.wait(lambda: viewer.video.status().skipped > 40)
         sent = sender.kill()
     delays = []
     for captured, at_s in zip(viewer.got, viewer.at_s, strict=True):
@@ -145,28 +145,21 @@ def test_a_camera_and_its_server_come_back_after_a_kill(clip: Path) -> None:
         server.add_publish_mount("/live")
         return server
 
-    def back(viewer: Viewer) -> None:
-        """Wait for silence, send again, and see that pictures and time go on."""
-        viewer.wait(lambda: monotonic() - viewer.at_s[-1] > 0.8)
-        count = len(viewer.got)
-        with Sender(clip, url, "rtsp") as sender:
-            viewer.wait_for(count + 40)
-            first_sent_s = min(sender.kill().values())
-        real_s = viewer.at_s[-1] - viewer.at_s[count - 1]
-        told_s = viewer.got[-1].frame.t_s - viewer.got[count - 1].frame.t_s
-        assert told_s == pytest.approx(real_s, abs=0.8)
-        assert viewer.at_s[count] - first_sent_s < 5  # 2 s on an idle machine: docs/live.md
-
     server = serve()
     with viewing(url) as viewer:
         with Sender(clip, url, "rtsp"):
-            viewer.wait_for(20)
-        back(viewer)
+            viewer.wait_for(15)
         server.stop(drain_ms=0)
         viewer.wait(lambda: bool(viewer.video.status().reason))
-        server = serve()
-        back(viewer)
-        assert viewer.got[-1].session > viewer.got[0].session
+        count, server = len(viewer.got), serve()
+        with Sender(clip, url, "rtsp") as sender:
+            viewer.wait_for(count + 5)
+            first_sent_s = min(sender.kill().values())
+    last, again = viewer.got[count - 1], viewer.got[count]
+    assert again.session > last.session
+    assert viewer.at_s[count] - first_sent_s < 5  # 2 s on an idle machine: docs/live.md
+    real_s = viewer.at_s[count] - viewer.at_s[count - 1]
+    assert again.frame.t_s - last.frame.t_s == pytest.approx(real_s, abs=0.8)
     Thread(target=server.stop, daemon=True).start()  # it takes its three seconds
 
 
@@ -182,7 +175,7 @@ def test_after_a_pause_time_is_real_time(clip: Path) -> None:
         viewer.wait(lambda: monotonic() - viewer.at_s[-1] > 1.2)
         count = len(viewer.got)
         sender.go_on()
-        viewer.wait_for(count + 50)
+        viewer.wait_for(count + 35)
     times = [c.frame.t_s for c in viewer.got]
     assert times == sorted(times)
     real_s = viewer.at_s[-1] - viewer.at_s[0]
@@ -210,15 +203,15 @@ def test_the_packets_can_be_written_again_as_they_came(clip: Path, tmp_path: Pat
 
 def test_a_file_is_paced_and_loops(clip: Path) -> None:
     with viewing(str(clip), loop=True) as viewer:
-        viewer.wait_for(75)
+        viewer.wait_for(40)
     sessions = [c.session for c in viewer.got]
     assert sessions[0] == 1
     assert sessions[-1] == 2
-    assert viewer.got[60].media_s == 0
+    assert viewer.got[30].media_s == 0
     times = [c.frame.t_s for c in viewer.got]
     assert times == sorted(set(times))
     assert [c.frame.index for c in viewer.got] == list(range(len(viewer.got)))
-    assert viewer.at_s[59] - viewer.at_s[0] == pytest.approx(59 / 30, abs=1.0)
+    assert viewer.at_s[29] - viewer.at_s[0] == pytest.approx(29 / 30, abs=0.8)
 
 
 def test_srt_comes_through_a_process_that_ends_with_us(
@@ -230,7 +223,7 @@ def test_srt_comes_through_a_process_that_ends_with_us(
     program.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
     with viewing("srt://127.0.0.1:9000?mode=listener") as viewer:
-        viewer.wait_for(40)
+        viewer.wait_for(20)
     process_id, *words = told.read_text().split()
     assert "srt://127.0.0.1:9000?mode=listener" in words
     assert not Path(f"/proc/{process_id}").exists()
