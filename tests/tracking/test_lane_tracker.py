@@ -312,3 +312,31 @@ def test_ids_are_never_used_twice() -> None:
         for _ in range(20):
             road.see()
     assert len(ids) == len(set(ids)) == 3
+
+
+def test_a_truck_that_enters_is_not_slow_while_its_rear_is_outside() -> None:
+    """Its front moves; the edge of the view, where it seems to end, does not."""
+    road = Road()
+    speeds = []
+    for step in range(24):
+        tracks = road.see((1, -20.0 + 2.0 * step, -2.0 + 2.0 * step))
+        speeds += [float(tracks.velocity_mps[i, 0]) for i in confirmed(tracks)]
+    assert len(speeds) > 10
+    assert min(speeds) > 12.0
+    assert speeds[-1] == pytest.approx(20.0, abs=1.0)
+    assert float(tracks.length_m[0]) == pytest.approx(18.0, abs=1.0)
+
+
+def test_what_is_not_seen_stops_behind_the_one_ahead() -> None:
+    road = Road()
+    for step in range(120):
+        seen: list[Seen] = [(1, 150.0, 154.6)]
+        at = 20.0 + 1.2 * step
+        if at < 138:  # then it is gone from the picture for the last second
+            seen.append((1, at, at + 4.6))
+        tracks = road.see(*seen)
+        if len(tracks) == 2:
+            assert tracks.enu[:, 0].min() < 149.6
+            assert np.diff(np.sort(tracks.enu[:, 0]))[0] > 4.6
+        if at > 146:
+            break

@@ -6,6 +6,8 @@ whose.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from queuetail.geo.ground import enu_to_px
@@ -18,6 +20,7 @@ from queuetail.tracking.lane_vehicle import (
     LaneVehicle,
     correct_many,
     correct_one,
+    keep_behind,
     overlap_m,
     overlaps,
     owns,
@@ -109,6 +112,9 @@ class LaneTracker:
                 vehicle.body += CONTRAST_RATE * (interval.body - vehicle.body)
                 vehicle.hits += 1
                 vehicle.seen_s = t_s
+        for behind, ahead in pairwise(vehicles):
+            if behind.confirmed and ahead.confirmed and behind.seen_s < t_s:
+                keep_behind(behind, ahead)
         return unclaimed
 
     def _changed_lanes(self, intervals: list[Interval], t_s: float) -> list[Interval]:

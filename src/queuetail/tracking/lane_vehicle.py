@@ -17,6 +17,7 @@ END_SIGMA_M = 0.35  # of a measured rear or front
 MERGED_SIGMA_M = 1.0  # of an end that is shared with another vehicle
 FIRST_SPEED_SIGMA_MPS = 15.0
 GATE_M, GATE_SIGMAS = 2.5, 3.5
+SMALLEST_GAP_M = 1.0
 LENGTH_STEP_M = 3.2  # longer than known by this much for a while: another vehicle is inside
 STANDING_MPS = 0.7
 LEAST_BODY, SURE_BODY = 0.15, 0.4  # share that is more than shade: below all may be, above not
@@ -130,8 +131,11 @@ def correct_one(vehicle: LaneVehicle, interval: Interval, dt_s: float) -> list[I
         vehicle.length_m += LENGTH_RATE * (length - vehicle.length_m)
         vehicle.correct(interval.rear_m, END_SIGMA_M)
     elif interval.cut_rear:
-        vehicle.length_m = max(vehicle.length_m, length)
         vehicle.correct(interval.front_m - vehicle.length_m, END_SIGMA_M)
+        # What is longer than thought has its rear farther outside: that is no slowing down.
+        longer = max(length - vehicle.length_m, 0.0)
+        vehicle.length_m += longer
+        vehicle.rear_m -= longer
     else:
         vehicle.correct(interval.rear_m, END_SIGMA_M)
         vehicle.length_m = max(vehicle.length_m, length)
@@ -150,6 +154,14 @@ def correct_many(vehicles: Sequence[LaneVehicle], interval: Interval) -> None:
         overlap = behind.front_m + 0.5 - ahead.rear_m
         if overlap > 0:
             behind.correct(behind.rear_m - overlap, MERGED_SIGMA_M)
+
+
+def keep_behind(behind: LaneVehicle, ahead: LaneVehicle) -> None:
+    """Stop a vehicle that is not seen before it would be inside the one ahead."""
+    overlap = behind.front_m + SMALLEST_GAP_M - ahead.rear_m
+    if overlap > 0:
+        behind.rear_m -= overlap
+        behind.speed_mps = min(behind.speed_mps, ahead.speed_mps)
 
 
 def _remainder(interval: Interval, vehicle: LaneVehicle, by_rear: bool) -> Interval:
