@@ -90,6 +90,7 @@ def _live(arguments: argparse.Namespace) -> int:
     from queuetail.live.open_feed import open_feed
     from queuetail.live.runtime import LiveRun
     from queuetail.run import writable_folder
+    from queuetail.store.address import store_address
     from queuetail.video.stream_source import parse_source
 
     a = arguments
@@ -124,6 +125,8 @@ def _live(arguments: argparse.Namespace) -> int:
         if a.out:
             sinks += file_outlets(writable_folder(a.out), source.name, a.preset, site)
         shown = LiveSource(run.health, source.name, a.preset, site, a.site)
+        shown.on_adjust = run.adjust
+        shown.store = None if a.no_store else store_address(a.store)
         sinks.append(ConsoleSink(shown))
         server = serve(shown, a.port, a.host)
         closing.callback(server.close)

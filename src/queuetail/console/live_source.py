@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from threading import Lock
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +16,9 @@ from queuetail.config import Site
 from queuetail.console.source import About, PastState, PathSample
 from queuetail.live.records import Health, OutletHealth, OutletState, Published
 from queuetail.types import TrackState
+
+if TYPE_CHECKING:
+    from queuetail.store.address import Address
 
 PAST_S = 1800.0  # how much of the end of the queue is kept; the store has the rest
 PAST_EVERY_S = 0.5
@@ -34,6 +39,8 @@ class LiveSource:
     ) -> None:
         """`health` is the run's own."""
         self.about = About(site.site.name, video, preset, site, site_file, is_live=True)
+        self.store: Address | None = None  # where the run keeps its history
+        self.on_adjust: Callable[[Site], None] | None = None  # the run's own, if it can
         self._health = health
         self._lock = Lock()
         self._newest: Published | None = None
@@ -89,6 +96,16 @@ class LiveSource:
     def health(self) -> Health:
         """Return how the run is now."""
         return self._health()
+
+    def adjust(self, site: Site, site_file: Path | None) -> None:
+        """Let the run go on with other settings, from `site_file` if they are saved.
+
+        Raises InputError, and changes nothing, where they do not fit.
+        """
+        if self.on_adjust is not None:
+            self.on_adjust(site)
+        title = site.site.name
+        self.about = replace(self.about, title=title, site=site, site_file=site_file)
 
     def _note(self, published: Published) -> None:
         t_s = published.observation.t_s

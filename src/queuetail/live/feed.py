@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from time import monotonic
 from typing import TYPE_CHECKING, Protocol
 
-from queuetail.config import Site
+from queuetail.config import Site, TelemetryFill
 from queuetail.mapping import POSE_FIELDS, corrected
 from queuetail.telemetry.klv import Losses, sample_of
 from queuetail.telemetry.live_log import LiveLog
@@ -57,6 +57,9 @@ class TelemetryFeed(Protocol):
     def warnings(self) -> tuple[str, ...]:
         """Return a sentence for each thing that is wrong with the telemetry's source."""
 
+    def adjust(self, site: Site) -> None:
+        """Take the offsets of other settings."""
+
     def close(self) -> None:
         """Stop listening."""
 
@@ -92,6 +95,9 @@ class NoFeed:
         """Return nothing."""
         return ()
 
+    def adjust(self, site: Site) -> None:
+        """Do nothing."""
+
     def close(self) -> None:
         """Do nothing."""
 
@@ -99,15 +105,28 @@ class NoFeed:
 class RecordedFeed(NoFeed):
     """A flight log beside a recording that is played as if it came live."""
 
-    def __init__(self, log: Callable[[float], TelemetrySample], name: str) -> None:
-        """Take a log's `at`, in seconds after the recording's first picture."""
+    def __init__(
+        self, log: Callable[[float], TelemetrySample], name: str, site: Site | None = None
+    ) -> None:
+        """Take a log's `at`, in seconds after the first picture, corrected by `site` already."""
         self._at = log
         self.name = name
+        self._corrected_by = site.telemetry if site is not None else TelemetryFill()
+        self._more = TelemetryFill()
 
     def at(self, captured: Captured) -> TelemetrySample:
         """Return what the log says at that place of the recording."""
-        sample = self._at(captured.media_s)
+        sample = corrected(self._at(captured.media_s), self._more)
         return replaced_time(sample, captured.frame.t_s)
+
+    def adjust(self, site: Site) -> None:
+        """Add what the offsets of other settings differ by."""
+        new, old = site.telemetry, self._corrected_by
+        self._more = TelemetryFill(
+            heading_offset_deg=(new.heading_offset_deg - old.heading_offset_deg + 180) % 360 - 180,
+            pitch_offset_deg=new.pitch_offset_deg - old.pitch_offset_deg,
+            height_offset_m=new.height_offset_m - old.height_offset_m,
+        )
 
 
 class LiveFeed:
@@ -174,6 +193,10 @@ class LiveFeed:
             if name in NEEDED and age_s > LIMIT_S and NEEDED[name] not in self._constants:
                 found.append(f"{name.replace('_', ' ')} has not been heard for {age_s:.0f} s")
         return tuple(found)
+
+    def adjust(self, site: Site) -> None:
+        """Add the offsets of other settings from now on."""
+        self._correction, self._offset_s = site.telemetry, site.telemetry.offset_s
 
     def close(self) -> None:
         """Stop listening."""

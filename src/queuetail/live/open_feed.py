@@ -22,7 +22,7 @@ def open_feed(spec: str | None, source: StreamSource, site: Site) -> TelemetryFe
     if source.kind is Kind.FILE and (spec is None or is_log):
         with open_flight(Path(source.address), path, site) as flight:
             name = flight.telemetry_path.name if flight.telemetry_path else "none"
-            return RecordedFeed(flight.telemetry_at, name)
+            return RecordedFeed(flight.telemetry_at, name, site)
     if spec is None:
         return NoFeed() if site.control_point else LiveFeed(None, site)
     if is_log:

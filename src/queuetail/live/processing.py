@@ -62,6 +62,7 @@ class Processor:
         self._busy_since_s: float | None = None
         self._approaches: tuple[Approach, ...] = ()
         self._closing = Event()
+        self._adjusted: Site | None = None  # settings that the next picture is looked at with
         self.refused: InputError | None = None  # the site file does not fit the pictures
         self._thread = Thread(target=self._work, name="processing", daemon=True)
 
@@ -75,6 +76,16 @@ class Processor:
         self._frames.close()
         if self._thread.ident is not None:
             self._thread.join(patience_s)
+
+    def adjust(self, site: Site) -> None:
+        """Begin anew with other settings at the next picture; raises InputError and changes nothing
+        where they do not fit the pictures.
+        """
+        origin = self._origin_by(site)
+        if self._size != (0, 0) and (origin is not None or site.control_point):
+            self._build(site, origin, *self._size, lambda stage: None)
+        with self._lock:
+            self._adjusted = site
 
     def busy_s(self) -> float:
         """Return for how long the present picture is being looked at; 0 while waiting for one."""
@@ -114,6 +125,7 @@ class Processor:
     def _look(self, captured: Captured) -> None:
         frame = captured.frame
         self._done_s = frame.t_s
+        self._take_settings()
         telemetry = self._feed.at(captured)
         pipeline = self._ready(captured, telemetry)
         if pipeline is None:
@@ -127,6 +139,20 @@ class Processor:
         if age_s > STALE_S:
             doubts = (*doubts, f"the answer took {age_s:.1f} s, too long to be believed")
         self._publish(Answer(captured, telemetry, disbelieved(observation, doubts), doubts))
+
+    def _take_settings(self) -> None:
+        with self._lock:
+            site, self._adjusted = self._adjusted, None
+            if site is None:
+                return
+            self._names, self._approaches = tuple(a.name for a in site.approach), ()
+        self._origin = self._origin_by(site)
+        self._site, self._pipeline = site, None
+
+    def _origin_by(self, site: Site) -> Origin | None:
+        """Return the settings' own origin, else the one that telemetry gave."""
+        origin = site_origin(site)
+        return self._origin if origin is None and not site.control_point else origin
 
     def _ready(self, captured: Captured, telemetry: TelemetrySample) -> Pipeline | None:
         """Return the pipeline; a new one for pictures of another size, none without a place."""

@@ -109,6 +109,15 @@ class LiveRun:
                 LOG.warning("%s", one_line(error))
         self.ended.set()
 
+    def adjust(self, site: Site) -> None:
+        """Go on with other settings: the method begins anew at the next picture.
+
+        Raises InputError, and changes nothing, where they do not fit the pictures.
+        """
+        self._processor.adjust(site)
+        self.feed.adjust(site)
+        self._site = site
+
     @property
     def refused(self) -> InputError | None:
         """What is wrong with the site file, where that shows only with the first picture."""
