@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import urllib.error
-import urllib.request
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -12,10 +10,8 @@ import numpy as np
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from queuetail.errors import InputError
 from queuetail.live.blind import blind_observation
 from queuetail.live.health import health_record, metrics, unwell
-from queuetail.live.health_server import HealthServer
 from queuetail.live.records import Health, OutletHealth, OutletState, Published
 from queuetail.types import Frame
 
@@ -92,27 +88,3 @@ def test_metrics_are_what_prometheus_reads() -> None:
     nothing = metrics(None, Health()).decode()
     assert "queuetail_ok 0.0" in nothing
     assert "queuetail_frame_age_seconds " not in nothing
-
-
-def test_the_server_answers_and_says_when_it_is_unwell() -> None:
-    answers = [(published(WELL), WELL)]
-    server = HealthServer(0, lambda: answers[0])
-    base = f"http://127.0.0.1:{server.port}"
-    try:
-        with urllib.request.urlopen(f"{base}/health", timeout=5) as reply:
-            assert json.load(reply)["ok"] is True
-        with urllib.request.urlopen(f"{base}/metrics?x=1", timeout=5) as reply:
-            assert reply.headers["Content-Type"].startswith("text/plain")
-            assert b"queuetail_ok 1.0" in reply.read()
-        answers[0] = (published(WELL, frame=None), WELL)
-        with pytest.raises(urllib.error.HTTPError) as caught:
-            urllib.request.urlopen(f"{base}/health", timeout=5)
-        assert caught.value.code == 503
-        assert json.load(caught.value)["problems"] == ["no picture for 3.0 s: it is off"]
-        with pytest.raises(urllib.error.HTTPError) as caught:
-            urllib.request.urlopen(f"{base}/secret", timeout=5)
-        assert caught.value.code == 404
-        with pytest.raises(InputError, match="choose another with --port"):
-            HealthServer(server.port, lambda: answers[0])
-    finally:
-        server.close()

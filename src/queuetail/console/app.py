@@ -15,6 +15,7 @@ import nicegui
 import uvicorn
 from fastapi import FastAPI
 from nicegui import ui
+from starlette.responses import FileResponse
 from starlette.staticfiles import StaticFiles
 
 from queuetail import __version__
@@ -41,6 +42,12 @@ def create_api(source: ConsoleSource, access: Access, cookie: str = "queuetail")
     )
     for routes in (api, picture, map_view, charts):
         routes.add(app, source)
+
+    @app.get("/docs", include_in_schema=False)
+    def docs() -> FileResponse:
+        """Return the API's description for people."""
+        return FileResponse(STATIC / "docs.html")
+
     app.mount("/static/leaflet", StaticFiles(directory=LEAFLET), name="leaflet")
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
     app.add_middleware(Guard, access=access, cookie=cookie)
