@@ -39,7 +39,7 @@ def page(source: ConsoleSource, screen: Screen, request: Request) -> Iterator[Ro
     about = source.about
     ui.page_title(f"{screen.name} · {about.title}")
     ui.add_head_html(HEAD)
-    ui.query(".nicegui-content").classes("qt-page").props("role=main id=main")
+    ui.query(".nicegui-content").classes("qt-page").props("id=main")
     links = "".join(
         f'<a href="{s.path}"{" aria-current=page" if s is screen else ""}>{escape(s.name)}</a>'
         for s in SCREENS
@@ -58,4 +58,5 @@ def page(source: ConsoleSource, screen: Screen, request: Request) -> Iterator[Ro
             ' title="Day or night look">◐</button>',
             sanitize=False,
         ).classes("qt-tools")
+    ui.html(f'<h1 class="qt-hidden">{escape(screen.name)}</h1>', sanitize=False)
     yield role

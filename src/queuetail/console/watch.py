@@ -49,7 +49,6 @@ def content(about: About) -> str:
         )
     )
     return f"""
-<h1 class="qt-hidden">Watch</h1>
 <div class="qt-watch" id="qt-watch" data-about="{escape(json.dumps(facts))}">
   <div class="qt-side">
     <div id="qt-status" aria-label="Where the queue ends" role="region"></div>

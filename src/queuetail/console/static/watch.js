@@ -54,6 +54,7 @@ async function take(buffer) {
   }
   if (state.number !== newest?.number) fresh_s = now_s();
   newest = state;
+  document.getElementById("qt-watch").dataset.t = state.t_s ?? "";
   overlay.take(drawing, state.t_s);
   status.take(state);
   window.qtDrawn = (window.qtDrawn ?? 0) + 1;
