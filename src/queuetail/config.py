@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import Field, ValidationError, model_validator
 
 from queuetail.errors import InputError
+from queuetail.feeds.settings import FeedsSettings
 from queuetail.settings import Finite, Latitude, LatLon, Longitude, Metres2, Settings
 from queuetail.signs.settings import SignSite, SignsSettings, check_signs
 
@@ -138,6 +139,7 @@ class Site(Settings):
     paper: PaperSettings = PaperSettings()
     sign: tuple[SignSite, ...] = ()
     signs: SignsSettings = SignsSettings()
+    feeds: FeedsSettings = FeedsSettings()
 
     @model_validator(mode="after")
     def _has_signs_that_fit(self) -> Site:

@@ -15,6 +15,7 @@ from queuetail.commands.live import LOOPBACK, PORT, port
 if TYPE_CHECKING:
     from queuetail.console.app import ConsoleServer
     from queuetail.console.source import ConsoleSource
+    from queuetail.feeds.build import Feeds
 
 
 def add(commands: Commands) -> None:
@@ -68,7 +69,7 @@ def _open(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def serve(source: ConsoleSource, port: int, host: str) -> ConsoleServer:
+def serve(source: ConsoleSource, port: int, host: str, feeds: Feeds | None = None) -> ConsoleServer:
     """Serve the console and say where; raises InputError where that cannot be."""
     from queuetail.errors import InputError
 
@@ -78,7 +79,7 @@ def serve(source: ConsoleSource, port: int, host: str) -> ConsoleServer:
         raise InputError(
             f"the console needs {error.name}: install it with pip install 'queuetail[console]'"
         ) from None
-    server = ConsoleServer(source, port, host)
+    server = ConsoleServer(source, port, host, (feeds.router(),) if feeds is not None else ())
     health = f" · health on {server.address}health" if source.about.is_live else ""
     if server.is_local:
         print(f"console on {server.address}{health}", flush=True)

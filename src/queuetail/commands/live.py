@@ -85,6 +85,7 @@ def _live(arguments: argparse.Namespace) -> int:
     from queuetail.config import Site, read_site
     from queuetail.console.live_source import ConsoleSink, LiveSource
     from queuetail.errors import InputError
+    from queuetail.feeds.build import build_feeds
     from queuetail.live.clock_watch import ClockWatch
     from queuetail.live.files import file_outlets
     from queuetail.live.open_feed import open_feed
@@ -127,8 +128,10 @@ def _live(arguments: argparse.Namespace) -> int:
         shown = LiveSource(run.health, source.name, a.preset, site, a.site)
         shown.on_adjust = run.adjust
         shown.store = None if a.no_store else store_address(a.store)
-        sinks.append(ConsoleSink(shown))
-        server = serve(shown, a.port, a.host)
+        feeds = build_feeds(site)
+        closing.callback(feeds.close)
+        sinks += [*feeds.sinks, ConsoleSink(shown)]
+        server = serve(shown, a.port, a.host, feeds)
         closing.callback(server.close)
         closing.callback(run.stop)
         for sink in sinks:

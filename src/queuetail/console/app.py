@@ -8,12 +8,13 @@ from __future__ import annotations
 import asyncio
 import logging
 import socket
+from collections.abc import Sequence
 from pathlib import Path
 from threading import Event, Thread
 
 import nicegui
 import uvicorn
-from fastapi import FastAPI
+from fastapi import APIRouter, FastAPI
 from nicegui import ui
 from starlette.responses import FileResponse
 from starlette.staticfiles import StaticFiles
@@ -31,8 +32,16 @@ LOOPBACK = "127.0.0.1"
 PAGES = (watch.add, health_page.add)  # each adds one screen's page
 
 
-def create_api(source: ConsoleSource, access: Access, cookie: str = "queuetail") -> FastAPI:
-    """Return the API alone, behind its guard; any number of them can live in a process."""
+def create_api(
+    source: ConsoleSource,
+    access: Access,
+    cookie: str = "queuetail",
+    routers: Sequence[APIRouter] = (),
+) -> FastAPI:
+    """Return the API alone, behind its guard; any number of them can live in a process.
+
+    `routers` are what else is served beside it, such as feeds.
+    """
     app = FastAPI(
         title="queuetail",
         version=__version__,
@@ -42,6 +51,8 @@ def create_api(source: ConsoleSource, access: Access, cookie: str = "queuetail")
     )
     for routes in (api, picture, map_view, charts):
         routes.add(app, source)
+    for router in routers:
+        app.include_router(router)
 
     @app.get("/docs", include_in_schema=False)
     def docs() -> FileResponse:
@@ -54,9 +65,14 @@ def create_api(source: ConsoleSource, access: Access, cookie: str = "queuetail")
     return app
 
 
-def create_app(source: ConsoleSource, access: Access, cookie: str = "queuetail") -> FastAPI:
+def create_app(
+    source: ConsoleSource,
+    access: Access,
+    cookie: str = "queuetail",
+    routers: Sequence[APIRouter] = (),
+) -> FastAPI:
     """Return the API with all screens; once per process."""
-    app = create_api(source, access, cookie)
+    app = create_api(source, access, cookie, routers)
     for add in PAGES:
         add(source)
     ui.run_with(
@@ -73,13 +89,19 @@ def create_app(source: ConsoleSource, access: Access, cookie: str = "queuetail")
 class ConsoleServer:
     """Serves a console from a thread of its own until it is closed."""
 
-    def __init__(self, source: ConsoleSource, port: int, host: str = LOOPBACK) -> None:
+    def __init__(
+        self,
+        source: ConsoleSource,
+        port: int,
+        host: str = LOOPBACK,
+        routers: Sequence[APIRouter] = (),
+    ) -> None:
         """Start to serve; raises InputError where the address or the port cannot be used."""
         self.host, self.access = host, access_for(host)
         listening = _listening(host, port)
         self.port = int(listening.getsockname()[1])
         logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
-        app = create_app(source, self.access, f"queuetail-{self.port}")
+        app = create_app(source, self.access, f"queuetail-{self.port}", routers)
         self._server = uvicorn.Server(
             uvicorn.Config(
                 app,

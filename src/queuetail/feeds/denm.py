@@ -12,7 +12,7 @@ from itertools import pairwise
 from typing import Any
 
 from queuetail.errors import InputError
-from queuetail.feeds.answers import LatLon
+from queuetail.feeds.answers import End, LatLon, Road
 from queuetail.feeds.episodes import Notice, Step
 from queuetail.feeds.settings import DenmFeed
 
@@ -63,13 +63,46 @@ def message(notice: Notice, number: int, feed: DenmFeed) -> dict[str, Any]:
     """Return a DENM as pycrate takes it; a cancellation has no situation and no location."""
     end, road = notice.answer.end, notice.answer.road
     assert end is not None
-    assert end.at is not None
     assert road is not None
-    course_deg = road.course_deg(end.station_m)
+    header = {
+        "protocolVersion": PROTOCOL_VERSION,
+        "messageID": DENM_ID,
+        "stationID": feed.station_id,
+    }
+    heading = round(road.course_deg(end.station_m) * 10) % 3600
+    management = _management(notice, end, road, heading)
+    management["actionID"] = {"originatingStationID": feed.station_id, "sequenceNumber": number}
+    management["validityDuration"] = int(feed.valid_s)
+    if notice.step is Step.CANCEL:
+        management["termination"] = "isCancellation"
+        return {"header": header, "denm": {"management": management}}
+    cause = {"causeCode": DANGEROUS_END_OF_QUEUE, "subCauseCode": feed.sub_cause}
+    trace = road.path(end.station_m, end.station_m - feed.trace_m)
+    return {
+        "header": header,
+        "denm": {
+            "management": management,
+            "situation": {
+                "informationQuality": BOUND_QUALITY if end.is_bound else QUALITY,
+                "eventType": cause,
+            },
+            "location": {
+                "eventPositionHeading": {
+                    "headingValue": heading,
+                    "headingConfidence": HEADING_CONFIDENCE,
+                },
+                "traces": [_trace(trace)],
+            },
+        },
+    }
+
+
+def _management(notice: Notice, end: End, road: Road, heading: int) -> dict[str, Any]:
+    """Return when and where; the ellipse lies along the road and holds the measured end."""
+    assert end.at is not None
     half_length_m = end.measured_m - end.station_m + 2 * end.sigma_m
     half_width_m = road.approach.lanes * road.approach.lane_width_m / 2
-    management: dict[str, Any] = {
-        "actionID": {"originatingStationID": feed.station_id, "sequenceNumber": number},
+    return {
         "detectionTime": timestamp_its(notice.answer.utc),
         "referenceTime": timestamp_its(notice.sent),
         "eventPosition": {
@@ -78,43 +111,13 @@ def message(notice: Notice, number: int, feed: DenmFeed) -> dict[str, Any]:
             "positionConfidenceEllipse": {
                 "semiMajorConfidence": _confidence(half_length_m),
                 "semiMinorConfidence": _confidence(half_width_m),
-                "semiMajorOrientation": round(course_deg * 10) % 3600,
+                "semiMajorOrientation": heading,
             },
             "altitude": NO_ALTITUDE,
         },
         "relevanceDistance": "lessThan5km",
         "relevanceTrafficDirection": "upstreamTraffic",
-        "validityDuration": int(feed.valid_s),
         "stationType": ROADSIDE_UNIT,
-    }
-    header = {
-        "protocolVersion": PROTOCOL_VERSION,
-        "messageID": DENM_ID,
-        "stationID": feed.station_id,
-    }
-    if notice.step is Step.CANCEL:
-        management["termination"] = "isCancellation"
-        return {"header": header, "denm": {"management": management}}
-    trace = road.path(end.station_m, end.station_m - feed.trace_m)
-    return {
-        "header": header,
-        "denm": {
-            "management": management,
-            "situation": {
-                "informationQuality": BOUND_QUALITY if end.is_bound else QUALITY,
-                "eventType": {
-                    "causeCode": DANGEROUS_END_OF_QUEUE,
-                    "subCauseCode": feed.sub_cause,
-                },
-            },
-            "location": {
-                "eventPositionHeading": {
-                    "headingValue": round(course_deg * 10) % 3600,
-                    "headingConfidence": HEADING_CONFIDENCE,
-                },
-                "traces": [_trace(trace)],
-            },
-        },
     }
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from queuetail.errors import InputError
-from queuetail.feeds.answers import iso
+from queuetail.feeds.answers import Road, iso
 from queuetail.feeds.episodes import Notice, Step
 from queuetail.feeds.posting import Poster
 from queuetail.feeds.secrets import read_private
@@ -23,6 +23,7 @@ SLICE_DEG = 22.5
 PRIORITY = "5"  # of 0 to 7
 JSON_TYPE = {"Content-Type": "application/json"}
 MOST_NODES = 63
+COURSES = 8  # parts of the way whose directions are told
 
 
 class TimPoster:
@@ -57,8 +58,9 @@ def read_request(file: Path | None) -> dict[str, Any]:
     """Return the ODE's `request` object (rsus, snmp, sdw) of a file; raises InputError."""
     if file is None:
         return {}
+    text = read_private(file, "the passwords of RSUs")
     try:
-        record = json.loads(read_private(file, "the passwords of RSUs"))
+        record = json.loads(text)
         rsus = record.get("rsus", [])
         if not all(isinstance(rsu, dict) for rsu in rsus):
             raise ValueError
@@ -75,13 +77,6 @@ def message(
     assert end is not None
     assert end.at is not None
     assert road is not None
-    points = road.path(end.station_m - feed.warn_m, end.station_m)
-    step = -(-len(points) // MOST_NODES)
-    points = (*points[:-1:step], points[-1])
-    heading = heading_slices(road.course_deg(end.station_m))
-    headings = heading_slices(
-        *(road.course_deg(end.station_m - feed.warn_m * k / 8) for k in range(9))
-    )
     frame = {
         "startDateTime": iso(notice.sent),
         "durationTime": VALID_MIN,
@@ -90,7 +85,7 @@ def message(
         "msgId": {
             "roadSignID": {
                 "position": _position(*end.at),
-                "viewAngle": heading,
+                "viewAngle": heading_slices(road.course_deg(end.station_m)),
                 "mutcdCode": "warning",
             }
         },
@@ -99,22 +94,7 @@ def message(
         "regions": [
             {
                 "name": f"{road_name} {notice.answer.approach} end of queue".strip()[:63],
-                "regulatorID": "0",
-                "segmentID": "0",
-                "anchorPosition": _position(*points[0]),
-                "laneWidth": f"{road.approach.lanes * road.approach.lane_width_m:.2f}",
-                "directionality": "1",  # forward: from the anchor along the nodes
-                "closedPath": "false",
-                "description": "path",
-                "path": {
-                    "scale": "0",
-                    "type": "ll",
-                    "nodes": [
-                        {"nodeLong": f"{lon:.7f}", "nodeLat": f"{lat:.7f}", "delta": "node-LatLon"}
-                        for lat, lon in points[1:]
-                    ],
-                },
-                "direction": headings,
+                **_region(road, end.station_m, feed.warn_m),
             }
         ],
         "notUsed2": "0",
@@ -131,6 +111,32 @@ def message(
         "dataframes": [frame],
     }
     return {"request": request, "tim": tim}
+
+
+def _region(road: Road, end_m: float, warn_m: float) -> dict[str, Any]:
+    """Return the carriageway from `warn_m` upstream to a station, in the direction of travel."""
+    points = road.path(end_m - warn_m, end_m)
+    step = -(-len(points) // MOST_NODES)
+    points = (*points[:-1:step], points[-1])
+    courses_deg = (road.course_deg(end_m - warn_m * k / COURSES) for k in range(COURSES + 1))
+    return {
+        "regulatorID": "0",
+        "segmentID": "0",
+        "anchorPosition": _position(*points[0]),
+        "laneWidth": f"{road.approach.lanes * road.approach.lane_width_m:.2f}",
+        "directionality": "1",  # forward: from the anchor along the nodes
+        "closedPath": "false",
+        "description": "path",
+        "path": {
+            "scale": "0",
+            "type": "ll",
+            "nodes": [
+                {"nodeLong": f"{lon:.7f}", "nodeLat": f"{lat:.7f}", "delta": "node-LatLon"}
+                for lat, lon in points[1:]
+            ],
+        },
+        "direction": heading_slices(*courses_deg),
+    }
 
 
 def heading_slices(*courses_deg: float) -> str:
