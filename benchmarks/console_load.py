@@ -1,9 +1,9 @@
 """How much detection slows down while browsers watch: one live run, with viewers and without.
 
-``python benchmarks/console_load.py [--viewers 2] [--seconds 20] [--light]`` plays the bundled flight over and
-over into `queuetail live`, and lets real browsers come and go, in turns, so that what else the
-machine does falls on both.  It needs Debian's chromium; with ``--light`` the viewers
-are programs that take the pictures and draw nothing, as if their browsers ran on other machines.
+``python benchmarks/console_load.py [--viewers 2] [--seconds 20] [--turns 3] [--light]`` plays the
+bundled flight over and over into `queuetail live`, and lets real browsers come and go, in turns, so
+that what else the machine does falls on both.  It needs Debian's chromium; with ``--light`` the
+viewers are programs that take the pictures and draw nothing, as if the browsers ran elsewhere.
 """
 
 from __future__ import annotations
