@@ -214,3 +214,31 @@ def test_sigma_grows_with_the_vehicles_and_with_the_mappings() -> None:
     assert sigma(0.3, 0.0) < sigma(2.0, 0.0)
     assert sigma(0.3, 0.0) < sigma(0.3, 0.3) < sigma(0.3, 1.0)
     assert sigma(0.0, 0.0) > 0.2  # never sure to the centimetre
+
+
+def test_two_sigma_reach_to_who_is_about_to_join_or_to_stay_last() -> None:
+    def sigma(speeds: list[float], seconds: float = 0.1) -> float:
+        watched = Watched()
+        standing = [FAST, 0.0, 0.0, 0.0, 0.0]
+        watched.see(vehicles([230.0, *QUEUE], standing), 3.0)
+        _, state = watched.see(vehicles([230.0, *QUEUE], speeds), seconds)
+        assert state.eoq is not None
+        assert state.eoq.station_m == pytest.approx(QUEUE[0])
+        return state.eoq.sigma_m
+
+    settled = sigma([FAST, 0.0, 0.0, 0.0, 0.0])
+    assert settled < 3.0
+    assert sigma([BETWEEN, 0.0, 0.0, 0.0, 0.0]) == pytest.approx(np.hypot(settled, 10.0), rel=0.01)
+    assert sigma([FAST, FAST, 0.0, 0.0, 0.0]) == pytest.approx(np.hypot(settled, 4.0), rel=0.05)
+
+
+def test_what_is_not_seen_does_not_become_queued() -> None:
+    coasting = vehicles(QUEUE)
+    states = (TrackState.COASTING,) * len(QUEUE)
+    coasting = dataclasses.replace(
+        coasting, tracks=dataclasses.replace(coasting.tracks, states=states)
+    )
+    watched = Watched()
+    assert watched.see(coasting, 5.0)[1].status is QueueStatus.CLEAR
+    watched.see(vehicles(QUEUE), 3.0)
+    assert watched.see(coasting, 5.0)[1].status is QueueStatus.QUEUED

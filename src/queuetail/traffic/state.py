@@ -33,6 +33,7 @@ from queuetail.types import (
 SLOW_S, FAST_S = 0.8, 1.0  # below or above the speed before a vehicle changes its mind: the
 # definition's second, less what the tracker needs to see a braking
 RELEASE_FACTOR = 1.25
+JOINING_FACTOR = 1.15  # of the queue speed: from there down a vehicle may be queued in a moment
 COMPANION_M = 60.0
 EDGE_M = 4.0  # nearer to the end of what is seen, a queue may go on beyond it
 WATCH_S = 1.0  # of road in view before it may be called clear: a queue takes as long to show
@@ -76,7 +77,7 @@ class QueueWatch:
             queued = with_companions(vehicles, slow & (vehicles.approach == index))
             marked |= queued
             span = scene.raster.spans.get(index)
-            states.append(self._state(vehicles, queued, approach, span, scene))
+            states.append(self._state(vehicles, queued, index, approach, span, scene))
         return dataclasses.replace(vehicles, queued=marked), tuple(states)
 
     def _queued(
@@ -110,6 +111,7 @@ class QueueWatch:
         self,
         vehicles: RoadVehicles,
         queued: Bools,
+        index: int,
         approach: Approach,
         span: tuple[float, float] | None,
         scene: Scene,
@@ -128,6 +130,9 @@ class QueueWatch:
             return self._held_or_clear(approach.name, scene.t_s)
         sigma = float(np.hypot(eoq.sigma_m, FLOOR_SIGMA_M))
         sigma = float(np.hypot(sigma, self._mapping_sigma(approach, eoq, scene)))
+        # Two sigma shall cover the jump when a vehicle is near the speed at which it changes side.
+        others = (vehicles.approach == index) & ~queued
+        sigma = float(np.hypot(sigma, self._next_end_m(vehicles, queued, others) / 2))
         eoq = dataclasses.replace(eoq, growth_mps=rate, sigma_m=sigma)
         beyond = self._reaches_beyond(vehicles, queued, approach, eoq.station_m, span[0])
         status = QueueStatus.BEYOND_VIEW if beyond else QueueStatus.QUEUED
@@ -166,6 +171,23 @@ class QueueWatch:
         return station_m < edge_m + FAR_INSIDE_M and not bool(
             (follows & moving & np.array(confirmed, np.bool_)).any()
         )
+
+    def _next_end_m(self, vehicles: RoadVehicles, queued: Bools, others: Bools) -> float:
+        """Return how far the end may be about to jump: to who joins next, or stays last.
+
+        `others` are the approach's vehicles that are not queued.
+        """
+        rear = vehicles.rear_station_m
+        order = np.flatnonzero(queued)[np.argsort(rear[queued])]
+        behind_m = rear[order[0]] - rear
+        confirmed = np.array([s is not TrackState.TENTATIVE for s in vehicles.tracks.states], bool)
+        slow = vehicles.speed_mps < JOINING_FACTOR * self._speed_mps
+        joins = others & confirmed & slow & (behind_m > 0) & (behind_m <= COMPANION_M)
+        jumps = [float(behind_m[joins].min())] if joins.any() else [0.0]
+        last = self._memories.get(int(vehicles.tracks.ids[order[0]]))
+        if len(order) > 1 and last is not None and last.since_s is not None:
+            jumps.append(float(rear[order[1]] - rear[order[0]]))
+        return max(jumps)
 
     def _mapping_sigma(self, approach: Approach, eoq: EndOfQueue, scene: Scene) -> float:
         """Return how well the mapping knows the station of the end of the queue, in metres."""
