@@ -71,6 +71,18 @@ def test_a_network_that_paused_takes_no_time_away() -> None:
     assert [s.t_s for s in found] == pytest.approx(times, abs=1e-9)
 
 
+def test_a_network_that_was_late_for_seconds_takes_no_time_along() -> None:
+    """Late packets that keep coming look like a paused camera's, until they catch up."""
+    times = [k / 30 for k in range(300)]
+    arrived = [t + (1.5 if 2 < t < 5 else 0) for t in times]
+    found = stamps(StreamClock(), times, np.maximum.accumulate(arrived).tolist())
+    later = known(found[210:])
+    assert [s.t_s for s in later] == pytest.approx(times[210:], abs=0.01)
+    assert later[-1].captured_s == pytest.approx(times[-1], abs=0.01)
+    given = [s.t_s for s in found if s is not None]
+    assert all(b > a for a, b in pairwise(given))
+
+
 def test_a_new_connection_goes_on_where_the_old_one_was_by_arrival() -> None:
     clock = StreamClock()
     times = [k / 30 for k in range(30)]

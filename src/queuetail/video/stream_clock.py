@@ -37,6 +37,10 @@ class StreamClock:
         self._last: tuple[float, float] | None = None  # t_s and captured_s of the last picture
         self._packet: tuple[float, float] | None = None  # (DTS, arrival) of the last packet
         self._late: tuple[float, float] | None = None  # since when, and how late then
+        self._shifted_s = 0.0  # that the source's clock is taken to have stood still
+        self._shifted_delay_s = 0.0  # arrival − PTS with which that is so
+        self._is_shift_wrong = False  # packets came earlier since
+        self._returned_s = 0.0  # of it, taken back since the last picture
         self._starved_s = -math.inf  # when we last waited for data
         self.lateness_s = 0.0  # of the last packet, against the quickest of late
 
@@ -44,6 +48,7 @@ class StreamClock:
         """Start a connection, which has a clock of its own."""
         self._least.clear()
         self._base_s, self._packet, self._late = None, None, None
+        self._shifted_s = self._returned_s = 0.0
         self.lateness_s = 0.0
 
     def packet(self, dts_s: float, pts_s: float, arrived_s: float, waited: bool) -> None:
@@ -56,6 +61,7 @@ class StreamClock:
         if waited:
             self._starved_s = arrived_s
         delay_s = arrived_s - pts_s
+        self._take_shift_back(delay_s)
         if self._least and arrived_s - self._least[-1][0] < BUCKET_S:
             start_s, least_s = self._least[-1]
             self._least[-1] = start_s, min(least_s, delay_s)
@@ -80,11 +86,12 @@ class StreamClock:
             if self._base_s is None:
                 self._base_s = last_s + max(gap_s, 0.001) - pts_s
             t_s = self._base_s + pts_s
-            if t_s < last_s - BACK_S or t_s > last_s + gap_s + LEAP_S:
+            if t_s < last_s - BACK_S - self._returned_s or t_s > last_s + gap_s + LEAP_S:
                 self._base_s = last_s + max(gap_s, 0.001) - pts_s
                 t_s = self._base_s + pts_s
             if t_s <= last_s:
                 return None
+            self._returned_s = 0.0
         captured_s = self.captured_s(pts_s, arrived_s)
         self._last = t_s, captured_s
         return Stamp(t_s, captured_s)
@@ -112,6 +119,24 @@ class StreamClock:
             if self._base_s is not None and self._last is not None:
                 self._base_s += late_s
                 self._last = self._last[0] + late_s, self._last[1]
+                self._shifted_s += late_s
+                self._shifted_delay_s = delay_s
+                self._is_shift_wrong = False
             self._least.clear()
             self._least.append((arrived_s, delay_s))
             self._late, self.lateness_s = None, 0.0
+
+    def _take_shift_back(self, delay_s: float) -> None:
+        """Undo a shift as far as packets catch up: then it was the network that was late.
+
+        Else every hiccup would move the run's time ahead of real time for good.
+        """
+        if self._base_s is None or not self._shifted_s:
+            return
+        back_s = min(self._shifted_delay_s - delay_s, self._shifted_s)
+        if back_s > (0.0 if self._is_shift_wrong else BEHIND_S):
+            self._is_shift_wrong = True
+            self._base_s -= back_s
+            self._shifted_s -= back_s
+            self._shifted_delay_s -= back_s
+            self._returned_s += back_s
