@@ -12,6 +12,7 @@ from queuetail.commands import (
     INTERRUPTED,
     check,
     console,
+    feeds,
     history,
     live,
     measured,
@@ -22,7 +23,7 @@ from queuetail.commands import (
 )
 from queuetail.errors import InputError
 
-GROUPS = (recorded, check, live, console, measured, replay, history, onboard, sign)
+GROUPS = (recorded, check, live, console, measured, replay, history, onboard, sign, feeds)
 
 
 def main(argv: list[str] | None = None) -> int:

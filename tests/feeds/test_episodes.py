@@ -83,6 +83,10 @@ def test_an_approach_that_is_gone_is_cancelled_and_reported_unknown() -> None:
         ([(0, CLEAR), (1, LOST), (1.1, CLEAR)], ["0 status", "1 status", "1.1 status"]),
         ([(0, queue()), (1, queue(1974.0)), (2, BEYOND)], ["0 status", "1 moved", "2 status"]),
         ([(0, queue()), (1, queue(1990.0)), (2, queue(1976.0))], ["0 status"]),
+        (
+            [(0, queue()), (11, queue(1985.0)), (12, queue(1974.0))],
+            ["0 status", "11 refresh", "12 moved"],
+        ),
     ],
 )
 def test_reports(states: list[tuple[float, QueueState]], words: list[str]) -> None:

@@ -122,9 +122,9 @@ def _management(notice: Notice, end: End, road: Road, heading: int) -> dict[str,
 
 
 def timestamp_its(utc: datetime) -> int:
-    """Return milliseconds since 2004, leap seconds included."""
+    """Return milliseconds since 2004, leap seconds included; 0 by a clock that is not set."""
     leaps = sum(utc >= leap for leap in LEAP_SECONDS)
-    return round((utc - ITS_EPOCH).total_seconds() * 1000) + 1000 * leaps
+    return max(round((utc - ITS_EPOCH).total_seconds() * 1000) + 1000 * leaps, 0)
 
 
 def _trace(points: tuple[LatLon, ...]) -> list[dict[str, Any]]:

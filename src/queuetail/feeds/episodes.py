@@ -40,6 +40,7 @@ class Reporter:
     def __init__(self, refresh_s: float, moved_m: float) -> None:
         self._refresh_s, self._moved_m = refresh_s, moved_m
         self._told: dict[str, tuple[Answer, float]] = {}  # by approach: what, and when
+        self._marked: dict[str, Answer] = {}  # the last that was no mere refresh
         self._sequence = 0
 
     def take(self, answers: Sequence[Answer], now_s: float) -> tuple[Report, ...]:
@@ -66,15 +67,18 @@ class Reporter:
         told, told_s = self._told[answer.approach]
         if told.status is not answer.status:
             return Change.STATUS
-        if told.end is not None and answer.end is not None:
-            moved_m = abs(answer.end.measured_m - told.end.measured_m)
-            if moved_m >= self._moved_m or told.end.is_bound != answer.end.is_bound:
+        marked = self._marked[answer.approach].end
+        if marked is not None and answer.end is not None:
+            moved_m = abs(answer.end.measured_m - marked.measured_m)
+            if moved_m >= self._moved_m:
                 return Change.MOVED
         return Change.REFRESH if now_s - told_s >= self._refresh_s else None
 
     def _report(self, change: Change, answer: Answer, now_s: float) -> Report:
         self._sequence += 1
         self._told[answer.approach] = answer, now_s
+        if change is not Change.REFRESH:
+            self._marked[answer.approach] = answer
         return Report(change, answer, self._sequence)
 
 
