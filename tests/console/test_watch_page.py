@@ -61,7 +61,7 @@ def test_the_answer_appears_and_is_that_of_the_tables(live: Live) -> None:
     shown_m = float(text.split(" m")[0])
     nearest = min(rows_of(live.out / "queue.csv", t_s), key=lambda r: abs(float(r["t_s"]) - t_s))
     assert shown_m == pytest.approx(float(nearest["eoq_station_m"]), abs=1.0)
-    assert "ft before the queue" in page.text_content("tr:has(th:text-is('Sign PCMS 1')) td")
+    assert page.text_content("tr:has(th:text-is('PCMS 1 to the queue')) td").endswith(" ft")
     page.wait_for_selector("#qt-map .qt-pin-eoq", timeout=LIMIT_MS)
     page.wait_for_selector("#qt-map img.leaflet-image-layer", timeout=LIMIT_MS)
     drawn = page.evaluate("window.qtDrawn")
@@ -88,7 +88,7 @@ def test_layers_and_units_by_the_keyboard(live: Live) -> None:
     page.keyboard.press("Space")
     page.select_option("#qt-units", "metric")
     page.wait_for_selector(
-        "tr:has(th:text-is('Queue length')) td:has-text(' m, ')", timeout=LIMIT_MS
+        "tr:has(th:text-is('Queue length')) td:text-matches('^[0-9]+ m$')", timeout=LIMIT_MS
     )
     page.select_option("#qt-units", "us")
     page.focus(".qt-skip")

@@ -50,10 +50,7 @@ def content(about: About) -> str:
     )
     return f"""
 <div class="qt-watch" id="qt-watch" data-about="{escape(json.dumps(facts))}">
-  <div class="qt-side">
-    <div id="qt-status" aria-label="Where the queue ends" role="region"></div>
-    <p class="qt-hidden" id="qt-said" role="status"></p>
-  </div>
+ <div class="qt-column">
   <section class="qt-card qt-view" aria-label="Picture">
     <div class="qt-picture" id="qt-picture">
       <canvas id="qt-image" role="img" aria-label="The drone's newest picture"></canvas>
@@ -67,14 +64,21 @@ def content(about: About) -> str:
       </select></label>
     </div>
   </section>
+  <div class="qt-charts">
+    <section class="qt-card qt-chart"><h2>End of queue over time</h2>
+      <canvas id="qt-eoq" role="img" aria-label="End of queue over time"></canvas></section>
+    <section class="qt-card qt-chart"><h2>Vehicles in time and space</h2>
+      <canvas id="qt-paths" role="img" aria-label="Vehicles in time and space"></canvas></section>
+  </div>
+ </div>
+ <div class="qt-column">
+  <div class="qt-side">
+    <div id="qt-status" aria-label="Where the queue ends" role="region"></div>
+    <p class="qt-hidden" id="qt-said" role="status"></p>
+  </div>
   <section class="qt-card qt-mapcard" aria-label="Map"><h2>Map</h2>
     <div id="qt-map"></div><p class="qt-note" id="qt-mapnote"></p></section>
-  <div class="qt-charts">
-  <section class="qt-card qt-chart"><h2>End of queue over time</h2>
-    <canvas id="qt-eoq" role="img" aria-label="End of queue over time"></canvas></section>
-  <section class="qt-card qt-chart"><h2>Vehicles in time and space</h2>
-    <canvas id="qt-paths" role="img" aria-label="Vehicles in time and space"></canvas></section>
-  </div>
+ </div>
 </div>
 """
 

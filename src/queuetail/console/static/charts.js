@@ -189,7 +189,7 @@ class Plot {
     const c = this.context;
     const y = this.height - 8;
     c.textBaseline = "alphabetic";
-    const width = entries.reduce((sum, [, words]) => sum + c.measureText(words).width + 30, -15);
+    const width = entries.reduce((sum, [, words]) => sum + c.measureText(words).width + 24, -8);
     let x = Math.max(Math.min(LEFT, this.width - RIGHT - width), 0);
     for (const [colour, words] of entries) {
       if (colour === "hatch") {
@@ -201,8 +201,8 @@ class Plot {
         c.fillRect(x, y - 9, 10, 9);
       }
       c.fillStyle = this.dim;
-      c.fillText(words, x + 15, y);
-      x += c.measureText(words).width + 30;
+      c.fillText(words, x + 14, y);
+      x += c.measureText(words).width + 24;
     }
   }
 }

@@ -14,7 +14,7 @@ const words = (name) => name.replaceAll("_", " ");
 
 function telemetry(health) {
   const names = Object.keys(health.telemetry_age_s);
-  if (!names.length) return [["none heard", ""]];
+  if (!names.length) return [[health.live ? "none but the recording's own log" : "of a finished run: none", ""]];
   return names.map((name) => [words(name),
     `${duration(health.telemetry_age_s[name])} old, ${fixed(health.telemetry_rate_hz[name], 1, "Hz")}`]);
 }

@@ -11,15 +11,11 @@ const SHAPES = {
 const STEADY_MPS = 0.05;
 
 function growth(mps) {
-  if (mps === null) return NONE;
-  if (Math.abs(mps) < STEADY_MPS) return "steady";
+  if (mps === null) return ["Growth", NONE];
+  if (Math.abs(mps) < STEADY_MPS) return ["Growth", "steady"];
   const per_min = Math.abs(mps) * 60;
   const amount = units() === "us" ? fixed(per_min / M_PER_FT, 0, "ft/min") : fixed(per_min, 0, "m/min");
-  return `${mps > 0 ? "growing" : "shrinking"} ${amount}`;
-}
-
-function sides(metres, before, after) {
-  return metres === null ? NONE : `${distance(Math.abs(metres))} ${metres >= 0 ? before : after}`;
+  return [mps > 0 ? "Growing by" : "Shrinking by", amount];
 }
 
 export class Status {
@@ -92,15 +88,17 @@ export class Status {
     if (eoq) {
       const sigma = units() === "us" ? fixed(eoq.sigma_m / M_PER_FT, 1, "ft") : fixed(eoq.sigma_m, 1, "m");
       for (const sign of approach.signs) {
-        rows.push([`Sign ${sign.name}`, sides(sign.distance_m, "before the queue", "inside the queue"), "big"]);
-        if (sign.reached_in_s !== null) rows.push(["Queue reaches it in", duration(sign.reached_in_s), "big"]);
+        const inside = sign.distance_m < 0;
+        rows.push([`${sign.name} ${inside ? "is in the queue by" : "to the queue"}`, distance(Math.abs(sign.distance_m)), "big"]);
+        if (sign.reached_in_s !== null) rows.push([`Queue reaches ${sign.name} in`, duration(sign.reached_in_s), "big"]);
       }
-      if (approach.taper_distance_m !== null)
-        rows.push(["To the taper", sides(approach.taper_distance_m, "from the end of the queue", "past it"), "big"]);
-      rows.push(["Queue length", bound + distance(eoq.length_m) + `, ${eoq.vehicles} vehicles`, "big"]);
-      rows.push(["Growth", growth(eoq.growth_mps), "big"]);
+      const taper_m = approach.taper_distance_m;
+      if (taper_m !== null) rows.push([taper_m < 0 ? "Past the taper by" : "Queue's end to the taper", distance(Math.abs(taper_m)), "big"]);
+      rows.push(["Queue length", bound + distance(eoq.length_m), "big"]);
+      rows.push([...growth(eoq.growth_mps), "big"]);
+      rows.push(["Vehicles queued", `${eoq.vehicles}`]);
       rows.push(["Station", `${fixed(eoq.station_m, 1, "m")} ± ${sigma}`]);
-      if (eoq.lat_deg !== null) rows.push(["GPS", `${eoq.lat_deg.toFixed(6)}, ${eoq.lon_deg.toFixed(6)}`.replaceAll("-", "−")]);
+      if (eoq.lat_deg !== null) rows.push(["GPS", `${eoq.lat_deg.toFixed(6)}, ${eoq.lon_deg.toFixed(6)}`.replaceAll("-", "−"), "gps"]);
     } else {
       for (const sign of approach.signs) rows.push([`Sign ${sign.name}`, `at station ${fixed(sign.station_m, 0, "m")}`]);
     }
