@@ -173,8 +173,11 @@ def test_nothing_of_ours_names_another_host(client: TestClient) -> None:
     assert client.get("/docs").status_code == 200
 
 
-def test_whatever_is_asked_the_server_does_not_fail(source: LiveSource) -> None:
-    """Schemathesis, for every operation of the OpenAPI description."""
+def test_whatever_is_asked_the_server_does_not_fail(
+    source: LiveSource, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Schemathesis, for every operation of the OpenAPI description; site files go to a folder."""
+    monkeypatch.chdir(tmp_path)
     app = create_api(source, Access())
     schema = schemathesis.openapi.from_asgi("/openapi.json", app, headers=LOCAL)
     tried = 0

@@ -20,7 +20,7 @@ from starlette.responses import FileResponse
 from starlette.staticfiles import StaticFiles
 
 from queuetail import __version__
-from queuetail.console import api, charts, health_page, map_view, picture, watch
+from queuetail.console import api, charts, health_page, map_view, picture, setup_screens, watch
 from queuetail.console.auth import Access, Guard, access_for, is_loopback
 from queuetail.console.source import ConsoleSource
 from queuetail.errors import InputError
@@ -29,7 +29,7 @@ STATIC = Path(__file__).parent / "static"
 LEAFLET = Path(nicegui.__file__).parent / "elements" / "leaflet" / "dist"
 CLOSE_S = 3.0
 LOOPBACK = "127.0.0.1"
-PAGES = (watch.add, health_page.add)  # each adds one screen's page
+PAGES = (watch.add, *setup_screens.PAGES, health_page.add)  # each adds one screen's page
 
 
 def create_api(
@@ -49,7 +49,7 @@ def create_api(
         docs_url=None,
         redoc_url=None,
     )
-    for routes in (api, picture, map_view, charts):
+    for routes in (api, picture, map_view, charts, *setup_screens.ROUTES):
         routes.add(app, source)
     for router in routers:
         app.include_router(router)
@@ -155,8 +155,8 @@ def _listening(host: str, port: int) -> socket.socket:
         listening.listen(128)
     except (OSError, OverflowError) as error:
         raise InputError(
-            f"port {port} cannot be used ({getattr(error, 'strerror', None) or error}); "
-            "choose another with --port"
+            f"{host}, port {port} cannot be used ({getattr(error, 'strerror', None) or error}); "
+            "choose another with --port or --host"
         ) from None
     return listening
 

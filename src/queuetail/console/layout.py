@@ -24,8 +24,11 @@ class Screen:
 
 
 WATCH = Screen("/", "Watch")
+SETUP = Screen("/setup", "Set up", for_operators=True)
+CHECK = Screen("/check", "Accuracy check")
+HISTORY = Screen("/history", "History")
 HEALTH = Screen("/health-screen", "Health")
-SCREENS: tuple[Screen, ...] = (WATCH, HEALTH)
+SCREENS: tuple[Screen, ...] = (WATCH, SETUP, CHECK, HISTORY, HEALTH)
 HEAD = """
 <link rel="stylesheet" href="/static/console.css">
 <script src="/static/theme.js"></script>
