@@ -118,6 +118,9 @@ def test_other_sites_cannot_use_an_open_console(client: TestClient) -> None:
     assert client.get("/api/v1/state", headers={"Origin": "http://evil.example"}).status_code == 403
     assert client.get("/api/v1/state", headers={"Origin": "null"}).status_code == 403
     assert client.get("/api/v1/state", headers={"Host": "evil.example:8080"}).status_code == 403
+    for strange in ("[", "http://[", "http://127.0.0.1:8080@evil.example"):
+        assert client.get("/api/v1/state", headers={"Host": strange}).status_code == 403
+        assert client.get("/api/v1/state", headers={"Origin": strange}).status_code == 403
     same = {"Origin": "http://127.0.0.1:8080"}
     assert client.get("/api/v1/state", headers=same).status_code == 200
 

@@ -132,7 +132,7 @@ class Guard:
         host, origin = headers.get("host", ""), headers.get("origin")
         if self._access.is_open and not is_loopback(hostname(host)):
             return "open the console as http://127.0.0.1 on this machine"
-        if origin is not None and urlsplit(origin).netloc != host:
+        if origin is not None and origin.partition("://")[2] != host:
             return "another site may not send requests to the console"
         return None
 
@@ -176,8 +176,11 @@ def bearer(headers: Headers) -> str:
 
 
 def hostname(host: str) -> str:
-    """Return a Host header without its port."""
-    return urlsplit(f"//{host}").hostname or ""
+    """Return a Host header without its port; empty where it is none."""
+    try:
+        return urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return ""
 
 
 def refused(status: int, sentence: str, html: bool = False) -> Response:

@@ -1,7 +1,7 @@
 // Two charts on canvas: where the queue ended, and where every vehicle was, over time.
 import { MPS_PER_MPH, ask, fixed, units } from "./format.js";
 
-const EVERY_MS = 1000, WINDOW_S = 300, LEFT = 52, RIGHT = 10, TOP = 10, BOTTOM = 34;
+const EVERY_MS = 2000, WINDOW_S = 300, LEFT = 52, RIGHT = 10, TOP = 10, BOTTOM = 34;
 const COLOURS = ["#e0304f", "#2f80d8", "#a8741a", "#9a4fd0"];
 // From standing to free: dark red to light blue, which differ in brightness, too.
 const SPEEDS = [[0.5, "#d0243c"], [2, "#e8590c"], [6, "#f2b134"], [12, "#8fb8de"], [1e9, "#3d7fc1"]];

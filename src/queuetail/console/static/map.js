@@ -1,7 +1,7 @@
 // The map: the drone's own picture laid flat as the base, and everything of the API drawn on it.
 import { ask, units, distance } from "./format.js";
 
-const EVERY_MS = 1000, BASE_EVERY_MS = 2000;
+const EVERY_MS = 1000, BASE_EVERY_MS = 4000;
 const STYLES = {
   view: { color: "#1668c7", weight: 2, fill: false, dashArray: "4 4" },
   axis: { color: "#ffffff", weight: 2 }, edge: { color: "#ffffff", weight: 1 },

@@ -7,6 +7,7 @@ import { Player } from "./player.js";
 import { Status } from "./status.js";
 
 const LATE_S = 2.0, RETRY_MS = 500;
+const LEAST_MS = 80; // between two pictures: twelve a second look smooth, and a phone stays cool
 
 const about = JSON.parse((await appeared("qt-watch")).dataset.about);
 if (!localStorage.getItem("qt-units")) localStorage.setItem("qt-units", about.units);
@@ -17,7 +18,7 @@ const player = about.live ? null : new Player(about);
 const map = new MapView(player), charts = new Charts(about, player);
 const frame = document.getElementById("qt-picture"), missing = document.getElementById("qt-nopicture");
 const now_s = () => performance.now() / 1000;
-let socket = null, fresh_s = now_s(), asked = false, newest = null;
+let socket = null, fresh_s = now_s(), asked = false, sent_ms = 0, newest = null;
 
 const units = document.getElementById("qt-units");
 units.value = localStorage.getItem("qt-units");
@@ -31,6 +32,7 @@ units.addEventListener("change", () => {
 function ask() {
   if (document.hidden || asked || socket?.readyState !== WebSocket.OPEN) return;
   asked = true;
+  sent_ms = performance.now();
   socket.send(player ? `at ${player.t_s.toFixed(3)}` : "next");
 }
 
@@ -78,7 +80,8 @@ function connect() {
       await take(event.data);
     } finally {
       asked = false;
-      if (player) player.drawn(ask); else ask();
+      if (player) player.drawn(ask);
+      else setTimeout(ask, Math.max(LEAST_MS - (performance.now() - sent_ms), 0));
     }
   };
   made.onclose = () => setTimeout(connect, RETRY_MS);
