@@ -25,6 +25,7 @@ from receivers import RawServer, certificate, free_port
 
 from queuetail.config import Site, parse_settings
 from queuetail.errors import InputError
+from queuetail.feeds import sinks
 from queuetail.feeds.build import Feeds, build_feeds, slug
 from queuetail.feeds.sockets import Datagrams, Stream
 from queuetail.feeds.tls import tls_context
@@ -82,6 +83,26 @@ def test_the_pages_are_served_by_the_router() -> None:
     finally:
         feeds.close()
     assert [s.health().state for s in feeds.sinks] == [OutletState.OK] * 3
+
+
+def test_a_document_is_not_built_for_every_reader_and_follows_every_answer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sinks, "REBUILT_S", 60.0)
+    feeds = feeds_of("[feeds.wzdx]\n")
+    page = feeds.pages["/feeds/wzdx.geojson"]
+    offer(feeds, CLEAR)
+    assert page() is page()
+    offer(feeds, queue())
+    assert b'"queued"' in page().body
+    feeds.close()
+    assert b"queuetail has ended" in page().body
+
+
+def test_a_site_file_with_feeds_survives_a_recording() -> None:
+    """Runs and recordings keep the settings as JSON, without any secret."""
+    site = parse_settings(Site, tomllib.loads(SITE + ALL.format(1)), "site.toml")
+    assert Site.model_validate(json.loads(json.dumps(site.model_dump(mode="json")))) == site
 
 
 def test_files_are_replaced_whole_and_say_unknown_at_the_end(tmp_path: Path) -> None:

@@ -9,8 +9,11 @@ from feed_answers import CLEAR, LOST, START, answer, queue
 from hypothesis import given
 from hypothesis import strategies as st
 
+from queuetail.feeds import cot
 from queuetail.feeds.answers import Answer
 from queuetail.feeds.episodes import Change, Notice, NoticeBook, Reporter, Step
+from queuetail.feeds.settings import CotFeed
+from queuetail.feeds.state_json import state_record
 from queuetail.types import QueueState, QueueStatus
 
 BEYOND = queue(status=QueueStatus.BEYOND_VIEW)
@@ -125,6 +128,7 @@ def test_whatever_happens_no_message_outlives_its_answer(
         newest = answer(state, now_s, now_s)
         for notice in notices.take((newest,), now_s):
             assert notice.expires == notice.sent + timedelta(seconds=20)
+            assert b"no queue" not in cot.event(notice, CotFeed())
             if notice.step is Step.CANCEL:
                 assert not notice.is_dissolved or state.status is QueueStatus.CLEAR
                 del standing[notice.id]
@@ -152,6 +156,10 @@ def test_whatever_happens_the_last_report_is_the_newest_status(
         now_s += pause_s
         for report in reporter.take((answer(state, now_s, now_s),), now_s):
             assert report.sequence == sequence + 1
+            record = state_record(report.answer, 10.0)
+            assert ("no queue" in record["text"]) == (record["status"] == "clear")
+            assert (record["end"] is not None) == report.answer.has_queue
+            assert record["valid_until"] > record["utc"]
             sequence, last = report.sequence, report.answer
         assert last is not None
         assert last.status is state.status

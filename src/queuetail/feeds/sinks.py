@@ -17,6 +17,7 @@ from queuetail.live.outlet import DRAIN_S, Outlet, Policy, Undeliverable
 from queuetail.live.records import OutletHealth, OutletState, Published
 
 LONGEST_PAUSE_S = 10.0  # between tries: drivers do not wait half a minute for a broker
+REBUILT_S = 0.2  # a document without a newer answer may be older than it says by so much
 CAPACITY = 1000  # changes that a receiver may be away for
 T = TypeVar("T", Report, Notice)
 T_co = TypeVar("T_co", Report, Notice, covariant=True)
@@ -138,8 +139,8 @@ class PageSink:
         self._name, self._reader, self._pages = name, reader, pages
         self._lock = Lock()
         self._utc: datetime | None = None
-        self._offered_s: float | None = None
         self._served = 0
+        self._built: tuple[float, Document] | None = None
         self._is_closed = False
         self._outlet: Outlet[Path] | None = None
         self._file = file
@@ -153,21 +154,27 @@ class PageSink:
         with self._lock:
             if self._is_closed:
                 return
-            now_s = self._offered_s = monotonic()
+            now_s = monotonic()
             answers = self._reader.read(published)
             if answers:
                 self._utc = answers[0].utc
             is_due = self._pages.take(answers, now_s)
+            self._built = None
         if is_due and self._outlet is not None and self._file is not None:
             self._outlet.offer(self._file)
 
     def document(self) -> Document:
-        """Return the document as it is true now; safe from any thread."""
+        """Return the document as it is true now; safe from any thread.
+
+        However often it is asked for, it is built a few times for each answer at most.
+        """
         with self._lock:
             now_s = monotonic()
-            utc = self._utc or _now()
             self._served += 1
-            return Document(self._pages.content_type, self._pages.build(now_s, utc))
+            if self._built is None or now_s - self._built[0] > REBUILT_S:
+                body = self._pages.build(now_s, self._utc or _now())
+                self._built = now_s, Document(self._pages.content_type, body)
+            return self._built[1]
 
     def health(self) -> OutletHealth:
         """Return how the file stands, or how often the document was asked for."""
@@ -182,6 +189,7 @@ class PageSink:
                 return
             self._is_closed = True
             self._pages.end(monotonic(), self._utc or _now())
+            self._built = None
         if self._outlet is not None and self._file is not None:
             self._outlet.offer(self._file)
             close_outlet(self._outlet)
