@@ -91,6 +91,7 @@ def test_a_recording_is_played_to_its_end(
         (["udp://0.0.0.0:5600", "--telemetry", "carrier-pigeon:3"], "no source of live telemetry"),
         (["udp://0.0.0.0:5600", "--telemetry", "LOG"], "play the log in real time with csv:"),
         (["udp://0.0.0.0:5600", "--store", "x://"], "store"),
+        (["udp://0.0.0.0:5600", "--store", "LOG"], "the store cannot be used"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_sentence(

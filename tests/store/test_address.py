@@ -40,6 +40,13 @@ def test_postgres(scheme: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert address.path is None
 
 
+def test_postgres_without_a_user(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PGUSER", "county")
+    assert parse_address("postgresql://127.0.0.1:1/roads").url.username == "county"
+    with pytest.raises(InputError, match="the store cannot be used"):
+        Store("postgresql://127.0.0.1:1/roads").flights()
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

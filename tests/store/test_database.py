@@ -130,6 +130,23 @@ def test_sqlite_is_in_wal_mode_and_readable_by_others(tmp_path: Path) -> None:
     store.close()
 
 
+def test_another_programs_database_stays_as_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "payroll.db"
+    with sqlite3.connect(path) as other:
+        other.execute("CREATE TABLE wages (name TEXT)")
+    other.close()
+    before = path.read_bytes()
+    with pytest.raises(InputError, match="there is no history there yet"):
+        Store(str(path)).flights()
+    assert path.read_bytes() == before
+    with pytest.raises(InputError, match=r"another program's database .it has a table wages"):
+        Store(str(path)).put_flight(FLIGHT)
+    empty = tmp_path / "empty.db"
+    empty.touch()
+    with pytest.raises(InputError, match="there is no history there yet"):
+        Store(str(empty)).flights()
+
+
 def test_what_is_no_store_is_said_in_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there is no history there yet"):
         Store(str(tmp_path / "nothing.db")).flights()

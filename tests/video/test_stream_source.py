@@ -45,6 +45,9 @@ def test_addresses(text: str, kind: Kind, listens: bool) -> None:
         ("/dev/video97?brightness=3", "a device has no option 'brightness'"),
         ("flight9.mp4", "is no file, no device and no address"),
         ("/tmp", "is a folder"),
+        ("", "VIDEO is empty"),
+        ("rtsp://:554/live", "not complete; write rtsp://HOST:554/PATH"),
+        ("/dev/null", "/dev/null is no camera"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_sentence(text: str, sentence: str) -> None:

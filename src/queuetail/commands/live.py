@@ -16,13 +16,16 @@ from queuetail.commands import Commands
 
 if TYPE_CHECKING:
     from queuetail.config import Site
+    from queuetail.console.live_source import LiveSource
     from queuetail.live.outlet import LiveSink
     from queuetail.live.recorder import Recorder
     from queuetail.live.runtime import LiveRun
+    from queuetail.signs.controller import SignController
     from queuetail.video.stream_source import StreamSource
 
 PORT = 8080
 LOOPBACK = "127.0.0.1"
+SIGNS_FOLDER = Path("out/signs")  # for the log and the switch of a run that writes nothing else
 
 
 def add(commands: Commands) -> None:
@@ -77,13 +80,18 @@ def add(commands: Commands) -> None:
         default="tcp",
         help="how an RTSP server is to send (default: %(default)s)",
     )
+    live.add_argument(
+        "--dry-run-signs",
+        action="store_true",
+        help="send nothing to signs, and show what would be sent",
+    )
     live.set_defaults(command=_live)
 
 
 def _live(arguments: argparse.Namespace) -> int:
     from queuetail.commands.console import serve
     from queuetail.config import Site, read_site
-    from queuetail.console.live_source import ConsoleSink, LiveSource
+    from queuetail.console.live_source import ConsoleSink
     from queuetail.errors import InputError
     from queuetail.feeds.build import build_feeds
     from queuetail.live.clock_watch import ClockWatch
@@ -91,7 +99,6 @@ def _live(arguments: argparse.Namespace) -> int:
     from queuetail.live.open_feed import open_feed
     from queuetail.live.runtime import LiveRun
     from queuetail.run import writable_folder
-    from queuetail.store.address import store_address
     from queuetail.video.stream_source import parse_source
 
     a = arguments
@@ -125,14 +132,17 @@ def _live(arguments: argparse.Namespace) -> int:
         clock.warn_by(run.warn)
         if a.out:
             sinks += file_outlets(writable_folder(a.out), source.name, a.preset, site)
-        shown = LiveSource(run.health, source.name, a.preset, site, a.site)
-        shown.on_adjust = run.adjust
-        shown.store = None if a.no_store else store_address(a.store)
+        shown = _shown(a, run, source, site)
         feeds = build_feeds(site)
         closing.callback(feeds.close)
         sinks += [*feeds.sinks, ConsoleSink(shown)]
+        if shown.signs is not None:
+            closing.callback(shown.signs.close)
+            sinks.append(shown.signs)
         server = serve(shown, a.port, a.host, feeds)
         closing.callback(server.close)
+        if shown.signs is not None:
+            print(shown.signs.told, flush=True)
         closing.callback(run.stop)
         for sink in sinks:
             run.subscribe(sink)
@@ -140,6 +150,18 @@ def _live(arguments: argparse.Namespace) -> int:
     if run.refused is not None:
         raise InputError(f"{a.site}: {run.refused}")
     return 0
+
+
+def _shown(a: argparse.Namespace, run: LiveRun, source: StreamSource, site: Site) -> LiveSource:
+    """Return what the console shows, with the control of the site's signs, if it has any."""
+    from queuetail.console.live_source import LiveSource
+    from queuetail.store.address import store_address
+
+    shown = LiveSource(run.health, source.name, a.preset, site, a.site)
+    shown.on_adjust = run.adjust
+    shown.store = None if a.no_store else store_address(a.store)
+    shown.signs = _signs(a, site) if site.sign else None
+    return shown
 
 
 def _watch(run: LiveRun, duration_s: float | None) -> None:
@@ -172,9 +194,22 @@ def _store(
     a: argparse.Namespace, site: Site, source: StreamSource, started_utc: datetime
 ) -> LiveSink:
     from queuetail.store.address import store_address
+    from queuetail.store.database import Store
     from queuetail.store.sink import StoreSink
 
-    return StoreSink(store_address(a.store), site.site.name, source.name, a.preset, started_utc)
+    address = store_address(a.store)
+    if address.path is not None:  # a database elsewhere may be away; a file must be usable now
+        Store(address).prepare()
+    return StoreSink(address, site.site.name, source.name, a.preset, started_utc)
+
+
+def _signs(a: argparse.Namespace, site: Site) -> SignController:
+    """Return the control of the site's signs, which is off until an operator arms it."""
+    from queuetail.run import writable_folder
+    from queuetail.signs.controller import SignController
+
+    folder = writable_folder(a.out or a.record or SIGNS_FOLDER)
+    return SignController(site, folder, dry_run=a.dry_run_signs)
 
 
 def port(text: str) -> int:

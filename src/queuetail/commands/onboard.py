@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from queuetail.commands import Commands
+from queuetail.commands.live import seconds
 from queuetail.errors import InputError
 
 
@@ -32,7 +33,7 @@ def add(commands: Commands) -> None:
         metavar="N",
         help="of the radio's serial line (default: 9600)",
     )
-    onboard.add_argument("--duration", type=float, metavar="S", help="end after so many seconds")
+    onboard.add_argument("--duration", type=seconds, metavar="S", help="end after so many seconds")
     onboard.add_argument(
         "--simulate",
         type=Path,
@@ -45,7 +46,7 @@ def add(commands: Commands) -> None:
 def _onboard(arguments: argparse.Namespace) -> int:
     from queuetail.onboard import sources
     from queuetail.onboard.lidar import LidarSource
-    from queuetail.onboard.ports import SerialPort, split_device
+    from queuetail.onboard.ports import SerialPort, serial_line, split_device
     from queuetail.onboard.sender import Sender, header_rates
     from queuetail.onboard.simulated import SimulatedSource
     from queuetail.onboard.source import Source
@@ -67,9 +68,8 @@ def _onboard(arguments: argparse.Namespace) -> int:
     stopping = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())
-    sender = Sender(
-        flight, lidar, lambda: SerialPort(arguments.radio, arguments.baud), arguments.baud, _tell
-    )
+    radio = serial_line(arguments.radio)
+    sender = Sender(flight, lidar, lambda: SerialPort(radio, arguments.baud), arguments.baud, _tell)
     sent = sender.run(stopping, arguments.duration)
     print(f"{sent.frames} messages, {sent.sent_bytes} bytes; last: {header_rates(sent)}")
     return 0

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import errno
+import os
+import re
 import socket
+import stat
 from typing import Protocol
 
 from queuetail.errors import InputError
@@ -37,9 +40,12 @@ class SerialPort:
     def __init__(self, device: str, baud: int, read_timeout_s: float = POLL_S) -> None:
         import serial  # type: ignore[import-untyped]  # noqa: PLC0415
 
-        self._serial = serial.Serial(
-            device, baud, timeout=read_timeout_s, write_timeout=1.0, exclusive=True
-        )
+        try:
+            self._serial = serial.Serial(
+                device, baud, timeout=read_timeout_s, write_timeout=1.0, exclusive=True
+            )
+        except serial.SerialException as error:
+            raise OSError(f"{device}: {_why_closed(error)}") from None
 
     def read(self) -> bytes:
         """Return all that is there, waiting a moment for the first byte."""
@@ -138,13 +144,50 @@ def split_device(text: str, default_baud: int) -> tuple[str, int]:
     """Split DEVICE[:BAUD]; raises InputError where the baud rate is none."""
     device, colon, baud = text.rpartition(":")
     if not colon:
-        return text, default_baud
+        return serial_line(text), default_baud
     if not baud.isdigit() or not device:
         raise InputError(
             f"'{text}' is not a serial line; write the device and its baud rate as "
             f"/dev/ttyUSB0:{default_baud}"
         )
-    return device, int(baud)
+    return serial_line(device), int(baud)
+
+
+def serial_line(device: str) -> str:
+    """Return the device; raises InputError where it cannot be a serial line.
+
+    One that is not there is none of these: it may be plugged in later.
+    """
+    try:
+        is_device = stat.S_ISCHR(os.stat(device).st_mode)
+    except OSError:
+        if os.sep in device or re.fullmatch(r"COM\d+", device, re.IGNORECASE):
+            return device
+        raise InputError(
+            f"'{device}' is no serial line; write a device such as /dev/ttyUSB0"
+        ) from None
+    try:
+        opened = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK) if is_device else -1
+    except PermissionError:
+        raise InputError(
+            f"{device} may not be used by this user; join the group that owns it (on Debian: "
+            "sudo adduser $USER dialout) and log in again"
+        ) from None
+    except OSError:
+        return device  # taken, or just being unplugged: it is tried again
+    try:
+        if opened < 0 or not os.isatty(opened):
+            raise InputError(f"{device} is no serial line; write a device such as /dev/ttyUSB0")
+    finally:
+        if opened >= 0:
+            os.close(opened)
+    return device
+
+
+def _why_closed(error: OSError) -> str:
+    if error.errno in (errno.EAGAIN, errno.EBUSY):
+        return "another program has it open"
+    return os.strerror(error.errno) if error.errno else str(error)
 
 
 def split_address(text: str, example: str) -> tuple[str, int]:

@@ -62,6 +62,7 @@ class Sender:
         self._next_try_s = 0.0
         self._pause_s = FIRST_PAUSE_S
         self._heard: dict[str, bool] = {}
+        self._missed: set[str] = set()  # names of sources said not to be there
 
     def run(self, stopping: threading.Event, duration_s: float | None = None) -> Sent:
         """Send until `stopping`, the duration's end, or the end of every source."""
@@ -123,10 +124,14 @@ class Sender:
                 sensors |= Sensors.LIDAR if is_lidar else Sensors.FLIGHT_CONTROLLER
             if is_heard != self._heard.get(source.name, False):
                 self._heard[source.name] = is_heard
+                self._missed.add(source.name)
                 why = source.state.error
                 self._tell(
                     f"{source.name}: {'heard' if is_heard else 'lost'}{f' ({why})' if why else ''}"
                 )
+            elif source.state.error and source.name not in self._missed:
+                self._missed.add(source.name)
+                self._tell(f"{source.name}: not heard ({source.state.error}); trying again")
         with self._lock:
             if now_s - self._gps_time_s > GPS_TIME_S:
                 own = ClockTime(time.time(), ClockSource.COMPANION)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import getpass
 import os
 import ssl
 from dataclasses import dataclass, field
@@ -15,7 +16,7 @@ from queuetail.errors import InputError
 
 DEFAULT_STORE = "out/history.db"
 STORE_VARIABLE = "QUEUETAIL_STORE"
-PASSWORD_VARIABLE = "PGPASSWORD"  # as every PostgreSQL client has it
+USER_VARIABLE, PASSWORD_VARIABLE = "PGUSER", "PGPASSWORD"  # as every PostgreSQL client has it
 POSTGRES = {"postgresql", "postgres", "postgresql+pg8000"}
 ANSWER_WITHIN_S = 10.0
 EXAMPLES = "history.db, sqlite:///history.db or postgresql://USER@HOST/DATABASE"
@@ -73,6 +74,8 @@ def parse_address(text: str) -> Address:
     if mode:
         options["ssl_context"] = _tls(mode, shown)
         url = url.difference_update_query(["sslmode"])
+    if not url.username:
+        url = url.set(username=os.environ.get(USER_VARIABLE) or getpass.getuser())
     if url.password is None and os.environ.get(PASSWORD_VARIABLE):
         url = url.set(password=os.environ[PASSWORD_VARIABLE])
     return Address(url.set(drivername="postgresql+pg8000"), shown, options)

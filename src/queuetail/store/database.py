@@ -65,6 +65,11 @@ class Store:
         """Give the connections back."""
         self._engine.dispose()
 
+    def prepare(self) -> None:
+        """Make the tables where there are none."""
+        with self._writing():
+            pass
+
     def put_flight(self, flight: Flight) -> None:
         """Add a flight, or renew what is known of it."""
         row = {c.name: getattr(flight, c.name) for c in FLIGHT.columns}
@@ -156,7 +161,7 @@ class Store:
     @contextmanager
     def _reading(self) -> Iterator[Connection]:
         path = self._address.path
-        if path is not None and not path.is_file():
+        if (path is not None and not path.is_file()) or not self._has_tables():
             raise InputError(
                 f"{self.name}: there is no history there yet; 'queuetail live' and "
                 "'queuetail history import' write one"
@@ -164,13 +169,32 @@ class Store:
         with self._writing() as connection:
             yield connection
 
+    def _has_tables(self) -> bool:
+        """Return whether it is ours: who only reads changes nothing of another's."""
+        if self._is_ready:
+            return True
+        try:
+            with self._engine.connect() as connection:
+                return inspect(connection).has_table(META.name)
+        except SQLAlchemyError as error:
+            raise InputError(self._words(error)) from None
+        except OSError as error:
+            raise InputError(f"{self.name}: the store cannot be reached ({error})") from None
+
     def _make_ready(self) -> None:
         """Make the tables, or bring them up to date, once; refuse those of a newer queuetail."""
         with self._lock:
             if self._is_ready:
                 return
             with self._engine.begin() as connection:
-                if not inspect(connection).has_table(META.name):
+                seen = inspect(connection)
+                if not seen.has_table(META.name):
+                    others = seen.get_table_names() if self._address.path is not None else []
+                    if others:
+                        raise InputError(
+                            f"{self.name} is another program's database (it has a table "
+                            f"{others[0]}); name another file for the store"
+                        )
                     METADATA.create_all(connection)
                     connection.execute(
                         _insert(connection, META)
@@ -178,6 +202,9 @@ class Store:
                         .on_conflict_do_nothing()
                     )
                 self._migrate(connection)
+            if self._address.path is not None:  # the file remembers it; not before it is ours
+                with self._engine.connect() as connection:
+                    connection.exec_driver_sql("PRAGMA journal_mode=WAL")
             self._is_ready = True
 
     def _migrate(self, connection: Connection) -> None:
@@ -219,7 +246,6 @@ def _engine(address: Address) -> Engine:
         def prepare(connection: Any, record: Any) -> None:
             cursor = connection.cursor()
             cursor.execute(f"PRAGMA busy_timeout={BUSY_MS}")
-            cursor.execute("PRAGMA journal_mode=WAL")
             cursor.execute("PRAGMA synchronous=FULL")  # what was stored survives a power cut
             cursor.execute("PRAGMA foreign_keys=ON")
             cursor.close()

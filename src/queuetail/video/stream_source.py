@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import stat
+import sys
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -61,6 +62,10 @@ class StreamSource:
     read_s: float = READ_S
 
 
+GIVE = "give rtsp://…, udp://…, /dev/video0, or a recording"
+VIDEO4LINUX = 81  # the major number of its devices
+
+
 def parse_source(
     text: str, *, realtime: bool = False, loop: bool = False, rtsp_over: str = "tcp"
 ) -> StreamSource:
@@ -68,6 +73,8 @@ def parse_source(
 
     A file is only taken with `realtime`, and begins anew at its end with `loop`.
     """
+    if not text.strip():
+        raise InputError(f"VIDEO is empty; {GIVE}")
     scheme = text.split("://", 1)[0].lower() if "://" in text else ""
     kind = SCHEMES.get(scheme)
     if kind is None and scheme and scheme != "file":
@@ -82,7 +89,7 @@ def parse_source(
         return _device(path, text)
     if not path.is_file():
         what = "is a folder" if path.is_dir() else "is no file, no device and no address"
-        raise InputError(f"{text} {what}; give rtsp://…, udp://…, /dev/video0, or a recording")
+        raise InputError(f"{text} {what}; {GIVE}")
     if not realtime:
         raise InputError(
             f"{text} is a recording: use 'queuetail run', or --realtime to play it as if it "
@@ -99,7 +106,8 @@ def shown(address: str) -> str:
 def _stream(kind: Kind, text: str, rtsp_over: str) -> StreamSource:
     try:
         parts = urlsplit(text)
-        has_place = bool(parts.netloc) and (parts.port is not None or kind in NAMED_PORTS)
+        has_host = bool(parts.hostname) or kind in (Kind.UDP, Kind.SRT)
+        has_place = has_host and (parts.port is not None or kind in NAMED_PORTS)
     except ValueError:
         has_place = False
     if not has_place:
@@ -170,4 +178,6 @@ def _device(path: Path, text: str) -> StreamSource:
         )
     if not path.exists():
         raise InputError(f"{path}: there is no such device; plug the camera in and look at /dev")
+    if sys.platform == "linux" and os.major(path.stat().st_rdev) != VIDEO4LINUX:
+        raise InputError(f"{path} is no camera; look for /dev/video0 and its like")
     return StreamSource(Kind.DEVICE, str(path), str(path), wanted, "v4l2")
