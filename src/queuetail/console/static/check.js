@@ -12,6 +12,7 @@ let pending = null, errors = null, tracksNow = [];
 const board = new Board(by("qt-still"), "Picture: click a point whose true place you know", (px) => {
   pending = { number: board.still.number, t_s: board.still.t_s, px };
   entry.hidden = false;
+  by("qt-asked").dataset.time = board.still.t_s;
   by("qt-asked").textContent = `What is the true place of ${px.map((v) => v.toFixed(0)).join(", ")}?`;
   where.value = "";
   where.focus({ preventScroll: true });
