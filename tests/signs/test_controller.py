@@ -275,13 +275,34 @@ def test_a_fault_of_ours_disarms(
 # Arming by command
 
 
-def test_a_command_arms_and_disarms_a_live_run(start: Callable[..., Run]) -> None:
-    run = start(None)
+def test_a_command_arms_and_disarms_a_live_run(agent: SignAgent, start: Callable[..., Run]) -> None:
+    run = start(agent.address)
     state = arming.ask(run.folder, True, "R. Roe")
     assert (state.armed, state.who) == (True, "R. Roe")
     assert run.controller.arming.armed
     assert arming.ask(run.folder, False, "J. Doe").reason == "disarmed by command"
     assert [row["who"] for row in run.log("armed", "disarmed")] == ["R. Roe", "J. Doe"]
+
+
+def test_what_cannot_be_armed_says_why(agent: SignAgent, start: Callable[..., Run]) -> None:
+    run = start(None)
+    with pytest.raises(InputError, match="no sign of the site file has an address"):
+        arming.ask(run.folder, True, "R. Roe")
+    run.end()
+    run = start(agent.address)
+    with pytest.raises(InputError, match="another live run keeps its signs"):
+        SignController(site(agent.address), run.folder, environment={})
+    other = run.folder / "other"
+    other.mkdir()
+    second = SignController(site(agent.address), other, environment={})
+    try:
+        run.controller.arming.arm("R. Roe")
+        with pytest.raises(InputError, match="controlled by another live run on this machine"):
+            second.arming.arm("J. Doe")
+        run.end()
+        assert second.arming.arm("J. Doe").armed
+    finally:
+        second.close()
 
 
 def test_a_dead_run_cannot_be_armed_and_a_new_one_takes_no_old_request(

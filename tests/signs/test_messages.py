@@ -103,6 +103,10 @@ TWO = {**ROAD, "approach": [APPROACH, {**APPROACH, "name": "SB"}]}
         ({"sign": [{"name": "A"}]}, "either station_m or at"),
         ({"sign": [{**SIGN, "at": [36.0, -97.0]}]}, "either station_m or at"),
         ({"sign": [SIGN, SIGN]}, "two signs have the same name"),
+        (
+            {"sign": [{**SIGN, "address": "h"}, {**SIGN, "name": "B", "address": "H:161"}]},
+            "signs 'PCMS 1' and 'B' have the same address",
+        ),
         ({"sign": [{**SIGN, "default": [["ROAD WORK"]]}]}, "default is larger than the sign"),
         ({"sign": [{**SIGN, "characters": 7}]}, "warning does not fit on sign 'PCMS 1'"),
         ({"sign": [{**SIGN, "lines": 2}]}, "2 phases of 2 lines of 8 characters"),

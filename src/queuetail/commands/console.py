@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from queuetail.console.app import ConsoleServer
     from queuetail.console.source import ConsoleSource
     from queuetail.feeds.build import Feeds
+    from queuetail.signs.controller import SignController
 
 
 def add(commands: Commands) -> None:
@@ -69,7 +70,13 @@ def _open(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def serve(source: ConsoleSource, port: int, host: str, feeds: Feeds | None = None) -> ConsoleServer:
+def serve(
+    source: ConsoleSource,
+    port: int,
+    host: str,
+    feeds: Feeds | None = None,
+    signs: SignController | None = None,
+) -> ConsoleServer:
     """Serve the console and say where; raises InputError where that cannot be."""
     from queuetail.errors import InputError
 
@@ -81,14 +88,15 @@ def serve(source: ConsoleSource, port: int, host: str, feeds: Feeds | None = Non
         ) from None
     server = ConsoleServer(source, port, host, (feeds.router(),) if feeds is not None else ())
     health = f" · health on {server.address}health" if source.about.is_live else ""
+    told = [signs.told] if signs is not None else []
     if server.is_local:
-        print(f"console on {server.address}{health}", flush=True)
+        print(f"console on {server.address}{health}", *told, sep="\n", flush=True)
         return server
     print(f"console on {server.address}{health}, with a token:")
     for name, token in (("operators", server.access.operator), ("viewers", server.access.viewer)):
         print(f"  {name}: {server.invitation(token)}")
     print_code(server.invitation(server.access.viewer))
-    sys.stdout.flush()
+    print(*told, sep="\n", end="\n" if told else "", flush=True)
     return server
 
 

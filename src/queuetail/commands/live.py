@@ -109,8 +109,8 @@ def _live(arguments: argparse.Namespace) -> int:
     with ExitStack() as closing:
         recorder = _recorder(a, site, source, started_utc) if a.record else None
         sinks: list[LiveSink] = [recorder] if recorder is not None else []
-        for sink in sinks:
-            closing.callback(sink.close)
+        if recorder is not None:
+            closing.callback(recorder.close)
         if not a.no_store:
             sinks.append(_store(a, site, source, started_utc))
             closing.callback(sinks[-1].close)
@@ -123,26 +123,21 @@ def _live(arguments: argparse.Namespace) -> int:
             site,
             a.preset,
             packet_sinks=(recorder.packet,) if recorder is not None else (),
-            telemetry_sinks=(
-                *((recorder.telemetry,) if recorder is not None else ()),
-                clock.hear,
-            ),
+            telemetry_sinks=(*((recorder.telemetry,) if recorder is not None else ()), clock.hear),
             folder=a.record or a.out,
         )
         clock.warn_by(run.warn)
         if a.out:
             sinks += file_outlets(writable_folder(a.out), source.name, a.preset, site)
-        shown = _shown(a, run, source, site)
         feeds = build_feeds(site)
         closing.callback(feeds.close)
+        shown = _shown(a, run, source, site)
         sinks += [*feeds.sinks, ConsoleSink(shown)]
-        if shown.signs is not None:
-            closing.callback(shown.signs.close)
-            sinks.append(shown.signs)
-        server = serve(shown, a.port, a.host, feeds)
+        if (signs := shown.signs) is not None:
+            closing.callback(signs.close)
+            sinks.append(signs)
+        server = serve(shown, a.port, a.host, feeds, signs)
         closing.callback(server.close)
-        if shown.signs is not None:
-            print(shown.signs.told, flush=True)
         closing.callback(run.stop)
         for sink in sinks:
             run.subscribe(sink)

@@ -20,7 +20,17 @@ from starlette.responses import FileResponse
 from starlette.staticfiles import StaticFiles
 
 from queuetail import __version__
-from queuetail.console import api, charts, health_page, map_view, picture, setup_screens, watch
+from queuetail.console import (
+    api,
+    charts,
+    health_page,
+    map_view,
+    picture,
+    setup_screens,
+    signs_api,
+    signs_page,
+    watch,
+)
 from queuetail.console.auth import Access, Guard, access_for, is_loopback
 from queuetail.console.source import ConsoleSource
 from queuetail.errors import InputError
@@ -29,7 +39,8 @@ STATIC = Path(__file__).parent / "static"
 LEAFLET = Path(nicegui.__file__).parent / "elements" / "leaflet" / "dist"
 CLOSE_S = 3.0
 LOOPBACK = "127.0.0.1"
-PAGES = (watch.add, *setup_screens.PAGES, health_page.add)  # each adds one screen's page
+# Each adds one screen's page.
+PAGES = (watch.add, *setup_screens.PAGES, signs_page.add, health_page.add)
 
 
 def create_api(
@@ -49,7 +60,7 @@ def create_api(
         docs_url=None,
         redoc_url=None,
     )
-    for routes in (api, picture, map_view, charts, *setup_screens.ROUTES):
+    for routes in (api, picture, map_view, charts, signs_api, *setup_screens.ROUTES):
         routes.add(app, source)
     for router in routers:
         app.include_router(router)

@@ -27,8 +27,9 @@ WATCH = Screen("/", "Watch")
 SETUP = Screen("/setup", "Set up", for_operators=True)
 CHECK = Screen("/check", "Accuracy check")
 HISTORY = Screen("/history", "History")
+SIGNS = Screen("/signs", "Signs")
 HEALTH = Screen("/health-screen", "Health")
-SCREENS: tuple[Screen, ...] = (WATCH, SETUP, CHECK, HISTORY, HEALTH)
+SCREENS: tuple[Screen, ...] = (WATCH, SETUP, CHECK, HISTORY, SIGNS, HEALTH)
 HEAD = """
 <link rel="stylesheet" href="/static/console.css">
 <script src="/static/theme.js"></script>

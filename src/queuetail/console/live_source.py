@@ -18,6 +18,7 @@ from queuetail.live.records import Health, OutletHealth, OutletState, Published
 from queuetail.types import TrackState
 
 if TYPE_CHECKING:
+    from queuetail.signs.controller import SignController
     from queuetail.store.address import Address
 
 PAST_S = 1800.0  # how much of the end of the queue is kept; the store has the rest
@@ -40,6 +41,7 @@ class LiveSource:
         """`health` is the run's own."""
         self.about = About(site.site.name, video, preset, site, site_file, is_live=True)
         self.store: Address | None = None  # where the run keeps its history
+        self.signs: SignController | None = None  # the run's own, if its site has signs
         self.on_adjust: Callable[[Site], None] | None = None  # the run's own, if it can
         self._health = health
         self._lock = Lock()

@@ -50,13 +50,13 @@ def operator() -> str:
 class Arming:
     """The switch of one live run; safe from any thread."""
 
-    def __init__(self, folder: Path, noted: Noted) -> None:
-        """Start disarmed; `noted` is told every change, for the log."""
-        self._folder, self._noted = folder, noted
+    def __init__(self, folder: Path, noted: Noted, why_not: Callable[[], str] = lambda: "") -> None:
+        """Start disarmed; `noted` is told every change, `why_not` says why arming is impossible."""
+        self._folder, self._noted, self._why_not = folder, noted, why_not
         self._lock = Lock()
         self._request = folder / REQUEST_FILE
         self._request.unlink(missing_ok=True)  # whatever was asked of an earlier run
-        self._answered = ""
+        self._answered, self._refusal = "", ""
         self._state = ArmState(False, "", _now(), "a run starts disarmed")
         self._write()
 
@@ -72,9 +72,11 @@ class Arming:
         return self.state.armed
 
     def arm(self, who: str, reason: str = "armed by an operator") -> ArmState:
-        """Let signs be controlled, on the word of `who`; raises InputError without a name."""
+        """Let signs be controlled, on the word of `who`; raises InputError if that cannot be."""
         if not who.strip():
             raise InputError("arming needs the name of who does it")
+        if refusal := self._why_not():
+            raise InputError(refusal)
         return self._change(ArmState(True, who.strip(), _now(), reason))
 
     def disarm(self, who: str, reason: str = "disarmed by an operator") -> ArmState:
@@ -96,11 +98,15 @@ class Arming:
             return
         if status.st_uid not in (0, os.getuid()) or not who.strip():
             return
-        self._answered = ticket
-        if wanted is True:
-            self.arm(who, "armed by command")
-        else:
+        self._answered, self._refusal = ticket, ""
+        if wanted is not True:
             self.disarm(who, "disarmed by command")
+            return
+        try:
+            self.arm(who, "armed by command")
+        except InputError as error:
+            self._refusal = str(error)
+            self._write()
 
     def _change(self, state: ArmState) -> ArmState:
         with self._lock:
@@ -110,7 +116,8 @@ class Arming:
         return state
 
     def _write(self) -> None:
-        record = {**asdict(self.state), "pid": os.getpid(), "answered": self._answered}
+        answer = {"answered": self._answered, "refusal": self._refusal}
+        record = {**asdict(self.state), "pid": os.getpid(), **answer}
         try:
             _replace(self._folder / STATUS_FILE, record)
         except OSError:
@@ -133,6 +140,8 @@ def ask(folder: Path, armed: bool, who: str) -> ArmState:
     while monotonic() < end_s:
         answer = _read(status)
         if answer.get("answered") == ticket:
+            if refusal := answer.get("refusal"):
+                raise InputError(str(refusal))
             return ArmState(
                 bool(answer.get("armed")),
                 str(answer.get("who")),

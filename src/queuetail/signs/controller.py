@@ -16,11 +16,13 @@ from threading import Event, Lock, Thread
 from time import monotonic
 
 from queuetail.config import Site
+from queuetail.errors import InputError
 from queuetail.live.records import OutletHealth, OutletState, Published
 from queuetail.signs.advice import Adviser, Answers
 from queuetail.signs.arming import Arming
 from queuetail.signs.client import SignClient
 from queuetail.signs.faults import SignFault
+from queuetail.signs.holds import Holds, sign_lock
 from queuetail.signs.line import LineReport, SignLine
 from queuetail.signs.multi import build
 from queuetail.signs.records import Decision, as_text
@@ -31,7 +33,7 @@ from queuetail.types import GroundMapping
 
 TICK_S = 0.2
 CLOSE_S = 5.0  # for giving the signs back at the end
-LOG_FILE = "signs.jsonl"
+LOG_FILE, LOCK_FILE = "signs.jsonl", "sign-control.lock"
 LOG = logging.getLogger(__name__)
 
 
@@ -56,7 +58,10 @@ class SignController:
             if sign.address is not None and not self._dry_run
         }
         self._signs = {sign.name: sign for sign in site.sign}
-        self._log = folder / LOG_FILE
+        self._holds = Holds()
+        if not self._holds.take(folder / LOCK_FILE):
+            raise InputError(f"another live run keeps its signs in {folder}: choose another --out")
+        self.folder, self._log = folder, folder / LOG_FILE
         self._lock = Lock()
         self._newest: Answers | None = None
         self._decisions: tuple[Decision, ...] = ()
@@ -64,9 +69,29 @@ class SignController:
         self._error = ""
         self._was_armed, self._known_s = False, monotonic()
         self._closing = Event()
-        self.arming = Arming(folder, self._note)
+        self.arming = Arming(folder, self._note, self._why_not)
         self._thread = Thread(target=self._work, name="signs", daemon=True)
         self._thread.start()
+
+    @property
+    def signs(self) -> tuple[SignSite, ...]:
+        """The signs that are advised on, as the run's site file has them."""
+        return tuple(self._signs.values())
+
+    @property
+    def dry_run(self) -> bool:
+        """Whether nothing is ever sent."""
+        return self._dry_run
+
+    @property
+    def told(self) -> str:
+        """What to say of the signs when a run begins."""
+        if self._dry_run:
+            return f"signs: a dry run, nothing is sent; {self._log} tells what would be"
+        if not self._clients:
+            return f"signs: advice only, as none has an address; {self._log} has it"
+        arm = f"queuetail sign arm --run {self.folder}"
+        return f"signs: nothing is sent until armed, on the console or by: {arm}"
 
     def offer(self, published: Published) -> None:
         """Take an answer and return at once; only the newest one counts."""
@@ -120,6 +145,20 @@ class SignController:
         self._thread.join(CLOSE_S + 1.0)
         if self._thread.is_alive():
             LOG.warning("the signs were left behind: they blank themselves when durations end")
+        self._holds.close()
+
+    def _why_not(self) -> str:
+        """Say why control cannot be armed; a run that was armed keeps its signs until it ends."""
+        addresses = {s.name: s.address for s in self._signs.values() if s.address is not None}
+        if not addresses:
+            return "no sign of the site file has an address: there is nothing to control"
+        for name in self._clients:
+            if not self._holds.take(sign_lock(addresses[name])):
+                return (
+                    f"sign '{name}' at {addresses[name]} is controlled by another live run on this "
+                    "machine: end that first"
+                )
+        return ""
 
     def _work(self) -> None:
         asyncio.run(self._run())
@@ -221,8 +260,11 @@ class SignController:
 
 
 def _client(sign: SignSite, site: Site, environment: Mapping[str, str] | None) -> SignClient:
-    secrets = read_secrets(Path(sign.secrets) if sign.secrets else None, environment)
-    session = Session(sign.address or "", secrets)
+    try:
+        secrets = read_secrets(Path(sign.secrets) if sign.secrets else None, environment)
+        session = Session(sign.address or "", secrets)
+    except InputError as error:
+        raise InputError(f"sign '{sign.name}': {error}") from None
     settings = site.signs
     return SignClient(session, sign.message_number, settings.priority, settings.phase_s)
 

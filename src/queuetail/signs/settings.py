@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from typing import Annotated, Literal
 
@@ -95,7 +96,15 @@ def check_signs(signs: Iterable[SignSite], settings: SignsSettings, approaches: 
     names = [sign.name for sign in signs]
     if len(set(names)) != len(names):
         raise ValueError("two signs have the same name")
+    at: dict[str, SignSite] = {}
     for sign in signs:
+        if (
+            sign.address is not None
+            and (other := at.setdefault(_whole(sign.address), sign)) != sign
+        ):
+            raise ValueError(
+                f"signs {other.name!r} and {sign.name!r} have the same address, {sign.address}"
+            )
         if sign.approach is not None and approaches and sign.approach not in approaches:
             raise ValueError(
                 f"sign {sign.name!r} is for approach {sign.approach!r}, which the file does not "
@@ -114,6 +123,12 @@ def check_signs(signs: Iterable[SignSite], settings: SignsSettings, approaches: 
                 raise ValueError(
                     f"[signs] {key} does not fit on sign {sign.name!r}, which has {sign.size}"
                 )
+
+
+def _whole(address: str) -> str:
+    """Return an address with its port, so that two ways to write it are the same."""
+    has_port = re.search(r"(^[^:]*|\]):\d+$", address) is not None
+    return address.lower() if has_port else f"{address.lower()}:161"
 
 
 def _words(text: Phases) -> str:
