@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -63,6 +64,14 @@ def test_a_recording_is_played_only_when_that_is_meant(flagger: Path) -> None:
     assert parse_source(flight, realtime=True, loop=True).is_looping
     with pytest.raises(InputError, match="no end to loop at"):
         parse_source("udp://0.0.0.0:5600", loop=True)
+
+
+def test_a_name_that_is_no_utf_8_can_be_written(tmp_path: Path) -> None:
+    path = tmp_path / os.fsdecode(b"caf\xe9.mp4")
+    path.touch()
+    source = parse_source(str(path), realtime=True)
+    assert source.name == "caf�.mp4"
+    assert Path(source.address) == path
 
 
 def test_the_password_comes_from_the_environment_and_is_never_shown(

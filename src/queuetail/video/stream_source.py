@@ -95,7 +95,8 @@ def parse_source(
             f"{text} is a recording: use 'queuetail run', or --realtime to play it as if it "
             "came live"
         )
-    return StreamSource(Kind.FILE, str(path), path.name, is_looping=loop)
+    name = os.fsencode(path.name).decode(errors="replace")  # so that it can be recorded and sent
+    return StreamSource(Kind.FILE, str(path), name, is_looping=loop)
 
 
 def shown(address: str) -> str:
