@@ -144,14 +144,24 @@ def test_growth_follows_a_change_within_its_window() -> None:
     watch = Growth()
     for k in range(200):
         watch.update(k / 25, 100.0)
-    for k in range(200, 340):
+    for k in range(200, 720):
         rate = watch.update(k / 25, 100.0 - (k - 200) / 25 * 3)
     assert rate == pytest.approx(3.0, abs=1e-6)
 
 
+def test_growth_rides_over_the_sawtooth_of_arrivals() -> None:
+    """A vehicle joins every 5 s, 20 m upstream, and creeps 10 m on until the next one comes."""
+    watch = Growth()
+    rates = [
+        watch.update(k / 15, 900.0 - 20 * (k // 75) + 10 * (k % 75) / 75 + 10 * (k // 75))
+        for k in range(900)
+    ]
+    assert all(1.0 < rate < 3.0 for rate in rates[300:] if rate is not None)
+
+
 def test_last_slow_car_gives_growth_once_known() -> None:
     queue = LastSlowCar(SLOW_MPS)
-    for k in range(100):
+    for k in range(150):
         scene = Scene(k / 25, RASTER, MAPPING)
         vehicles = on_road([(-k / 25, 0.0)])
         _, states = queue.update(vehicles, (NORTH,), scene)

@@ -6,8 +6,8 @@ from collections import deque
 
 import numpy as np
 
-WINDOW_S = 5.0
-MIN_SPAN_S = 2.0
+WINDOW_S = 20.0  # the end jumps by a vehicle's length and gap at every arrival, and creeps between
+MIN_SPAN_S = 5.0
 
 
 class Growth:
