@@ -6,7 +6,7 @@ import csv
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from time import monotonic, sleep
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -74,13 +74,13 @@ def click(page: Any, px: tuple[float, float]) -> None:
     page.locator(".qt-sheet svg").click(position={"x": x, "y": y})
 
 
-def wait_for(what: Callable[[], Any]) -> Any:
-    """Ask until there is an answer."""
+def wait_for(page: Any, what: Callable[[], Any]) -> Any:
+    """Ask until there is an answer; the page goes on meanwhile, and its dialogs are answered."""
     end_s = monotonic() + LIMIT_S
     while monotonic() < end_s:
         if (found := what()) is not None:
             return found
-        sleep(0.2)
+        page.wait_for_timeout(200)
     raise AssertionError("it did not happen")
 
 
@@ -150,11 +150,13 @@ def test_set_up_from_nothing_to_a_right_end_of_queue(
                     return min(gaps)
             return None
 
-        assert wait_for(right) < RIGHT_M
+        assert wait_for(page, right) < RIGHT_M
         # The same name again: nothing is overwritten but after a question, which is answered yes.
         page.fill("#qt-name", "Once more")
         page.click("#qt-save")
-        wait_for(lambda: read_site(tmp_path / "sites/new.toml").site.name == "Once more" or None)
+        wait_for(
+            page, lambda: read_site(tmp_path / "sites/new.toml").site.name == "Once more" or None
+        )
 
 
 def test_sliders_show_their_mask_and_change_the_run(scene: tuple[Path, Path], page: Any) -> None:
@@ -172,7 +174,7 @@ def test_sliders_show_their_mask_and_change_the_run(scene: tuple[Path, Path], pa
             share = page.evaluate(WHITE)
             return share if share > 1e-4 else None
 
-        assert wait_for(white) < 0.5
+        assert wait_for(page, white) < 0.5
         page.click("#qt-useslid")
         page.wait_for_function(
             "document.getElementById('qt-slidsaid').textContent.includes('goes on')"
@@ -186,10 +188,11 @@ def test_sliders_show_their_mask_and_change_the_run(scene: tuple[Path, Path], pa
         }
         number = page.request.get(f"{served.address}api/v1/state").json()["number"]
         wait_for(
+            page,
             lambda: (
                 page.request.get(f"{served.address}api/v1/state").json()["number"] > number + 5
                 or None
-            )
+            ),
         )
 
 

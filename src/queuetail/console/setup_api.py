@@ -227,7 +227,7 @@ def told(source: ConsoleSource) -> dict[str, str]:
         ("hfov", sample.hfov_deg, "°"),
     ):
         if value is not None:
-            found[name] = f"{value:.1f}{unit}"
+            found[name] = f"{round(value, 1) + 0.0:.1f}{unit}"
     return found
 
 

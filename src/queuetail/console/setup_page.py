@@ -52,8 +52,8 @@ def content(about: About, role: str) -> str:
   {SIGNS}
   {KEEP}
   </div>
-  {SLIDERS if about.preset == PAPER else ""}
 </div>
+{SLIDERS if about.preset == PAPER else ""}
 """
 
 
@@ -98,7 +98,7 @@ KEEP = """
     save</button></div>
 </section>"""
 SLIDERS = """
-<section class="qt-card qt-wide"><h2>The paper's sliders</h2>
+<section class="qt-card qt-below"><h2>The paper's sliders</h2>
   <div class="qt-work"><div>
   <img class="qt-mask" id="qt-mask" alt="Mask of what moves, with a box around each blob">
   </div><div>

@@ -2,7 +2,7 @@
 import { element } from "./format.js";
 
 const SVG = new DOMParser().parseFromString("<svg></svg>", "text/html").body.firstChild.namespaceURI;
-const STEP_PX = 10;
+const STEP_PX = 10, ARROW_EVERY = 140;
 
 export const svg = (tag, attributes, text) => {
   const made = document.createElementNS(SVG, tag);
@@ -114,16 +114,21 @@ export class Board {
   }
 }
 
+// One in the middle of the line, and more where it is long.
 function arrows(line, scale, kind) {
-  const found = [];
-  for (let i = 1; i < line.length; i++) {
-    const [[a, b], [c, d]] = [line[i - 1], line[i]];
-    const length = Math.hypot(c - a, d - b);
-    if (length < 12 * scale) continue;
-    const [x, y] = [(c - a) / length, (d - b) / length], [u, v] = [(a + c) / 2, (b + d) / 2], s = 11 * scale;
-    const points = [[u + x * s, v + y * s], [u - x * s - y * s * 0.7, v - y * s + x * s * 0.7], [u - x * s + y * s * 0.7, v - y * s - x * s * 0.7]];
-    found.push(svg("polygon", { class: `qt-arrow qt-${kind}`, points: points.map((p) => p.join(",")).join(" ") }));
-  }
+  const found = [], every = ARROW_EVERY * scale, s = 11 * scale;
+  const lengths = line.slice(1).map(([c, d], i) => Math.hypot(c - line[i][0], d - line[i][1]));
+  const whole = lengths.reduce((a, b) => a + b, 0), count = Math.max(Math.floor(whole / every), 1);
+  let passed = 0, next = whole / count / 2;
+  lengths.forEach((length, i) => {
+    for (; length > 0 && next <= passed + length; next += whole / count) {
+      const [[a, b], [c, d]] = [line[i], line[i + 1]], share = (next - passed) / length;
+      const [x, y] = [(c - a) / length, (d - b) / length], [u, v] = [a + (c - a) * share, b + (d - b) * share];
+      const points = [[u + x * s, v + y * s], [u - x * s - y * s * 0.7, v - y * s + x * s * 0.7], [u - x * s + y * s * 0.7, v - y * s - x * s * 0.7]];
+      found.push(svg("polygon", { class: `qt-arrow qt-${kind}`, points: points.map((p) => p.join(",")).join(" ") }));
+    }
+    passed += length;
+  });
   return found;
 }
 

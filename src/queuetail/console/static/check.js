@@ -28,10 +28,10 @@ const say = (words, bad = false) => {
 };
 const query = () => points.map((p) => [p.number, ...p.px.map((v) => v.toFixed(2)), ...p.at.map((v) => v.toFixed(8))].join(",")).join(";");
 
-async function hold() {
+async function hold(kept = "") {
   try {
     const still = await board.hold(player?.t_s);
-    say(still.is_placed ? "" : `Pixels cannot be placed now: ${still.reasons.join("; ")}`, true);
+    say(still.is_placed ? kept : `Pixels cannot be placed now: ${still.reasons.join("; ")}`, true);
     if (moment) by("qt-clock").textContent = `${still.t_s.toFixed(1)} s`;
     const { tracks } = await get(`/api/v1/tracks${player ? `?t_s=${player.t_s}` : ""}`);
     const chosen = by("qt-vehicle").value;
@@ -159,9 +159,10 @@ function consent() {
       errors = null;
       table();
       by("qt-found").replaceChildren();
-      say(`${used.in_use ? "The run goes on with these offsets" : "A finished run stays as it is"}${used.file ? `; ${used.file} has them` : ""}. Hold a new picture to check again.`);
+      const words = `${used.in_use ? "The run goes on with these offsets" : "A finished run stays as it is"}${used.file ? `; ${used.file} has them` : ""}. Click points again to see how far off they are now.`;
+      say(words);
       arrows();
-      if (about.live) setTimeout(hold, 1500); else hold();
+      setTimeout(() => hold(words), about.live ? 1500 : 0);
     } catch (error) {
       say(error.message, true);
       button.disabled = false;
@@ -190,8 +191,8 @@ by("qt-compare-speed").addEventListener("click", async () => {
   }
 });
 by("qt-speed").addEventListener("toggle", draw);
-by("qt-hold").addEventListener("click", hold);
-moment?.addEventListener("change", hold);
+by("qt-hold").addEventListener("click", () => hold());
+moment?.addEventListener("change", () => hold());
 
 table();
 await map.start();

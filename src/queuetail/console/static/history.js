@@ -1,6 +1,6 @@
 // The History screen: one day of the store at a time; moments of this run open in replay.
 import { get } from "./board.js";
-import { appeared, distance, element } from "./format.js";
+import { M_PER_FT, appeared, distance, element, units } from "./format.js";
 
 const about = JSON.parse((await appeared("qt-history")).dataset.about);
 const by = (id) => document.getElementById(id);
@@ -141,8 +141,9 @@ function draw() {
 }
 
 function grid(c, at, colour) {
-  const steps = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000];
-  const step = steps.find((s) => (at.high - at.low) / s <= 6) ?? 10_000;
+  const unit_m = units() === "us" ? M_PER_FT : 1;
+  const steps = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000].map((s) => s * unit_m);
+  const step = steps.find((s) => (at.high - at.low) / s <= 6) ?? 50_000;
   c.strokeStyle = colour("--line");
   for (let s = Math.ceil(at.low / step) * step; s <= at.high; s += step) {
     c.beginPath();

@@ -257,8 +257,8 @@ function paint() {
     ...signsPx.flatMap((point, i) => (point && placed[i] ? [{ point, kind: "sign", text: placed[i].name }] : []))]);
 }
 
-by("qt-hold").addEventListener("click", hold);
-moment?.addEventListener("change", hold);
+by("qt-hold").addEventListener("click", () => hold());
+moment?.addEventListener("change", () => hold());
 async function begin() {
   await hold();
   if (!board.still) return setTimeout(begin, 1000);
