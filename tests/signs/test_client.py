@@ -399,7 +399,10 @@ def test_addresses(address: str, split: tuple[str, int]) -> None:
     assert split_address(address) == split
 
 
-@pytest.mark.parametrize("address", ["", "sign:", "sign:x", ":161", "sign:0", "sign:70000"])
+@pytest.mark.parametrize(
+    "address",
+    ["", "sign:", "sign:x", ":161", "sign:0", "sign:70000", "http://sign:161", "a sign", "sign/1"],
+)
 def test_addresses_that_are_none(address: str) -> None:
     with pytest.raises(InputError, match="no address of a sign"):
         split_address(address)

@@ -76,6 +76,10 @@ def test_a_sign_of_a_site_file_keeps_its_default(agent: SignAgent, tmp_path: Pat
         (["status", "--site", "SITE", "--sign", "X"], "has no sign 'X'"),
         (["status", "--site", "SITE", "--sign", "PCMS 2"], "has no address"),
         (["status", "--to", "sign:x"], "no address of a sign"),
+        (["status", "--to", "http://sign"], "no address of a sign"),
+        (["show", "", "--to", "SIGN"], "say what to show"),
+        (["status", "--to", "127.0.0.1:1"], "does not answer"),
+        (["status", "--to", "no-such-sign.invalid"], "cannot be looked up"),
         (["arm"], "--run RUN_DIR"),
         (["arm", "--run", "SITE"], "not the folder of a live run"),
     ],
@@ -93,6 +97,25 @@ def test_what_is_wrong_is_one_sentence(
     assert sentence in error
     assert error.count("\n") == 1
     assert "Traceback" not in error
+
+
+@pytest.mark.parametrize("words", [["--port", "70000"], ["--port", "-5"], ["--duration", "-3"]])
+def test_a_simulated_sign_refuses_impossible_numbers(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as refused:
+        main(["sign", "simulate", *words])
+    assert refused.value.code == 2
+    assert "is no " in capsys.readouterr().err
+
+
+def test_tags_are_shown_as_they_are_typed(
+    agent: SignAgent, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Brackets belong to the text: nobody puts a tag, known or unknown, into a sign by hand."""
+    assert main(["sign", "show", "[nl]A", "[zz9]", "--to", agent.address]) == 0
+    assert agent.phases() == (("[nl]A",), ("[zz9]",))
+    assert "shows    [nl]A | [zz9]" in capsys.readouterr().out
 
 
 def test_arm_and_disarm(

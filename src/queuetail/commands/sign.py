@@ -8,6 +8,7 @@ import threading
 from pathlib import Path
 
 from queuetail.commands import Commands
+from queuetail.commands.live import port, seconds
 from queuetail.errors import InputError
 
 ACTIONS = ("status", "show", "blank", "simulate", "arm", "disarm")
@@ -38,13 +39,13 @@ def add(commands: Commands) -> None:
         help="show: 1 to 255 (default: 200)",
     )
     sign.add_argument(
-        "--port", type=int, default=1161, metavar="N", help="simulate: UDP port (default: 1161)"
+        "--port", type=port, default=1161, metavar="N", help="simulate: UDP port (default: 1161)"
     )
     sign.add_argument(
         "--host", default="127.0.0.1", metavar="ADDRESS", help="simulate: listen there"
     )
     sign.add_argument("--face", type=Path, metavar="FILE.png", help="simulate: draw the face there")
-    sign.add_argument("--duration", type=float, metavar="S", help="simulate: end after so long")
+    sign.add_argument("--duration", type=seconds, metavar="S", help="simulate: end after so long")
     sign.add_argument("--run", type=Path, metavar="RUN_DIR", help="arm, disarm: the live run")
     sign.add_argument("--who", metavar="NAME", help="arm, disarm: on whose word (default: you)")
     sign.set_defaults(command=_sign)

@@ -22,7 +22,7 @@ from queuetail.signs.advice import Adviser, Answers
 from queuetail.signs.arming import Arming
 from queuetail.signs.client import SignClient
 from queuetail.signs.faults import SignFault
-from queuetail.signs.holds import Holds, sign_lock
+from queuetail.signs.holds import Holds
 from queuetail.signs.line import LineReport, SignLine
 from queuetail.signs.multi import build
 from queuetail.signs.records import Decision, as_text
@@ -33,7 +33,7 @@ from queuetail.types import GroundMapping
 
 TICK_S = 0.2
 CLOSE_S = 5.0  # for giving the signs back at the end
-LOG_FILE, LOCK_FILE = "signs.jsonl", "sign-control.lock"
+LOG_FILE = "signs.jsonl"
 LOG = logging.getLogger(__name__)
 
 
@@ -59,7 +59,7 @@ class SignController:
         }
         self._signs = {sign.name: sign for sign in site.sign}
         self._holds = Holds()
-        if not self._holds.take(folder / LOCK_FILE):
+        if not self._holds.take(f"folder {folder.resolve()}"):
             raise InputError(f"another live run keeps its signs in {folder}: choose another --out")
         self.folder, self._log = folder, folder / LOG_FILE
         self._lock = Lock()
@@ -153,7 +153,7 @@ class SignController:
         if not addresses:
             return "no sign of the site file has an address: there is nothing to control"
         for name in self._clients:
-            if not self._holds.take(sign_lock(addresses[name])):
+            if not self._holds.take(f"sign {addresses[name].lower()}"):
                 return (
                     f"sign '{name}' at {addresses[name]} is controlled by another live run on this "
                     "machine: end that first"

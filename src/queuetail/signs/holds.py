@@ -1,47 +1,36 @@
-"""Who controls a sign on this machine: locked files, which are free again when their run dies."""
+"""Who controls a sign on this machine: names that one process has, free again when it dies."""
 
 from __future__ import annotations
 
-import fcntl
-import os
-import re
-import tempfile
-from pathlib import Path
-
-PLACE = Path(tempfile.gettempdir())
+import errno
+import socket
+from hashlib import sha256
 
 
 class Holds:
-    """Locks of one run: on its folder and, once it was armed, on each of its signs."""
+    """Names that one run holds: its folder and, once it was armed, each of its signs."""
 
     def __init__(self) -> None:
-        self._held: dict[Path, int] = {}
+        self._held: dict[str, socket.socket] = {}
 
-    def take(self, path: Path) -> bool:
-        """Take a lock, or tell that somebody else has it; one that is held stays so.
+    def take(self, name: str) -> bool:
+        """Take a name, or tell that somebody else has it; one that is held stays so.
 
-        Where no file can be made, everybody gets the lock: it must not keep a warning from a sign.
+        The names are Linux' abstract addresses.  Where there are none, everybody gets the name: it
+        must not keep a warning from a sign.
         """
-        if path in self._held:
+        if name in self._held:
             return True
+        held = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         try:
-            file = os.open(path, os.O_CREAT | os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
-        except OSError:
-            return True
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            os.close(file)
-            return False
-        self._held[path] = file
+            held.bind(f"\0queuetail-{sha256(name.encode()).hexdigest()}")
+        except OSError as error:
+            held.close()
+            return error.errno != errno.EADDRINUSE
+        self._held[name] = held
         return True
 
     def close(self) -> None:
-        """Give every lock back."""
+        """Give every name back."""
         while self._held:
-            os.close(self._held.popitem()[1])
-
-
-def sign_lock(address: str) -> Path:
-    """Return the lock of the sign at an address, for all users of this machine."""
-    return PLACE / f"queuetail-sign-{re.sub(r'[^0-9A-Za-z.]+', '-', address.lower())}.lock"
+            self._held.popitem()[1].close()

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import importlib
 import importlib.util
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,6 +22,7 @@ from queuetail.signs.secrets import Secrets
 DEFAULT_PORT = 161
 LONGEST_OCTETS = 4096  # a MULTI string has 2048 octets at most (MIB: MultiString)
 SLACK_S = 2.0
+HOST = re.compile(r"[0-9A-Za-z._:%-]{1,253}")  # a name, or an address of either version
 
 Value = int | bytes
 
@@ -39,7 +41,8 @@ def split_address(address: str) -> tuple[str, int]:
     if not separator or (":" in host and not host.endswith("]")):
         host, port = address, str(DEFAULT_PORT)
     host = host.removeprefix("[").removesuffix("]")
-    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+    whole = HOST.fullmatch(host) is not None and port.isascii() and port.isdecimal()
+    if not whole or not 0 < int(port) < 65536:
         raise InputError(f"'{address}' is no address of a sign; write it as host or host:port")
     return host, int(port)
 
