@@ -20,6 +20,7 @@ from test_health import WELL, published
 
 from broadcast import Sender, free_port
 from queuetail.cli import main
+from queuetail.live.files import owned
 from queuetail.live.terminal import StatusView
 from short_flight import cut_flight
 
@@ -102,6 +103,21 @@ def test_what_is_wrong_is_said_in_one_sentence(
     error = capsys.readouterr().err
     assert sentence in error
     assert error.count("\n") == 1
+
+
+def test_a_start_that_fails_leaves_the_files_of_others(
+    flagger: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = tmp_path / "queue.csv"
+    table.write_text("an earlier run")
+    words = ["live", "udp://0.0.0.0:5600", "--no-store", "--out", str(tmp_path)]
+    with owned(tmp_path):
+        assert main([*words, "--port", "0"]) == 2
+    assert "another queuetail live is writing there" in capsys.readouterr().err
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        assert main([*words, "--port", str(taken.getsockname()[1])]) == 2
+    assert "Address already in use" in capsys.readouterr().err
+    assert table.read_text() == "an earlier run"
 
 
 @pytest.mark.parametrize("words", [["--port", "70000"], ["--duration", "-1"]])

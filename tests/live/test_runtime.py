@@ -279,6 +279,15 @@ def test_telemetry_that_jumps_or_runs_backwards_is_not_followed(clip: Path) -> N
     assert places <= {36.1, None}
 
 
+def test_a_site_file_of_another_place_is_named(clip: Path) -> None:
+    axis = [[41.1, -97.0], [41.2, -97.0]]
+    site = parse_settings(Site, {"approach": [{"name": "NB", "axis": axis}]}, "")
+    with running(str(clip), building(), told(), site=site) as (_, seen):
+        answer = seen.wait(lambda p: p.frame is not None)
+    assert status(answer) is QueueStatus.UNKNOWN
+    assert "km from the site file's road: is it the file of another place?" in reasons(answer)
+
+
 def test_a_sink_that_fails_harms_nobody(clip: Path) -> None:
     class Broken(Seen):
         def offer(self, published: Published) -> None:

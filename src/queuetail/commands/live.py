@@ -95,7 +95,7 @@ def _live(arguments: argparse.Namespace) -> int:
     from queuetail.errors import InputError
     from queuetail.feeds.build import build_feeds
     from queuetail.live.clock_watch import ClockWatch
-    from queuetail.live.files import file_outlets
+    from queuetail.live.files import file_outlets, owned
     from queuetail.live.open_feed import open_feed
     from queuetail.live.runtime import LiveRun
     from queuetail.run import writable_folder
@@ -107,6 +107,7 @@ def _live(arguments: argparse.Namespace) -> int:
     feed = open_feed(a.telemetry, source, site)
     started_utc = datetime.now(UTC)
     with ExitStack() as closing:
+        out = closing.enter_context(owned(writable_folder(a.out))) if a.out else None
         recorder = _recorder(a, site, source, started_utc) if a.record else None
         sinks: list[LiveSink] = [recorder] if recorder is not None else []
         if recorder is not None:
@@ -127,8 +128,6 @@ def _live(arguments: argparse.Namespace) -> int:
             folder=a.record or a.out,
         )
         clock.warn_by(run.warn)
-        if a.out:
-            sinks += file_outlets(writable_folder(a.out), source.name, a.preset, site)
         feeds = build_feeds(site)
         closing.callback(feeds.close)
         shown = _shown(a, run, source, site)
@@ -139,6 +138,8 @@ def _live(arguments: argparse.Namespace) -> int:
         server = serve(shown, a.port, a.host, feeds, signs)
         closing.callback(server.close)
         closing.callback(run.stop)
+        if out:  # only now: a start that fails must not empty the files of an earlier run
+            sinks += file_outlets(out, source.name, a.preset, site)
         for sink in sinks:
             run.subscribe(sink)
         _watch(run, a.duration)

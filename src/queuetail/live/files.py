@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import fcntl
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from queuetail.config import Site
+from queuetail.errors import InputError
 from queuetail.live.outlet import Outlet
 from queuetail.live.records import OutletHealth, Published
 from queuetail.sinks import RunInfo, Sink
@@ -47,6 +51,22 @@ class FileOutlet:
     def close(self) -> None:
         """Write what waits and close the file."""
         self._outlet.close()
+
+
+@contextmanager
+def owned(out: Path) -> Iterator[Path]:
+    """Keep other live runs from writing to the folder; raises InputError where one does already."""
+    folder = os.open(out, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(
+                f"{out}: another queuetail live is writing there; choose another --out"
+            ) from None
+        yield out
+    finally:
+        os.close(folder)
 
 
 def file_outlets(out: Path, name: str, preset: str, site: Site) -> tuple[FileOutlet, ...]:

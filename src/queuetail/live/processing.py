@@ -11,6 +11,7 @@ from time import monotonic
 
 from queuetail.config import Site
 from queuetail.errors import InputError
+from queuetail.geo.earth import distance_m
 from queuetail.live.blind import blind_observation, disbelieved
 from queuetail.live.feed import TelemetryFeed
 from queuetail.live.mailbox import Mailbox
@@ -25,6 +26,7 @@ LOG = logging.getLogger(__name__)
 CLOCK_SLACK_S = 0.002  # as for recordings: container clocks round to a millisecond
 POLL_S = 0.25
 STALE_S = 1.0  # an answer to an older picture is not given
+ELSEWHERE_M = 20_000.0  # from the site's road: no drone sees so far
 NO_PLACE = "telemetry has not told yet where the drone is"
 
 
@@ -134,7 +136,7 @@ class Processor:
         observation = pipeline.step(frame, telemetry)
         with self._lock:
             self._approaches = observation.approaches
-        doubts = self._feed.too_old(captured)
+        doubts = (*self._feed.too_old(captured), *_elsewhere(self._site, telemetry))
         age_s = monotonic() - captured.arrived_s
         if age_s > STALE_S:
             doubts = (*doubts, f"the answer took {age_s:.1f} s, too long to be believed")
@@ -164,3 +166,17 @@ class Processor:
             self._size = captured.frame.size
             self._pipeline = self._build(self._site, self._origin, *self._size, lambda stage: None)
         return self._pipeline
+
+
+def _elsewhere(site: Site, told: TelemetrySample) -> tuple[str, ...]:
+    """Return a sentence where the drone is nowhere near the site's road; else nothing."""
+    place = site_origin(site)
+    if place is None or told.lat_deg is None or told.lon_deg is None:
+        return ()
+    away_m = distance_m(place.lat_deg, place.lon_deg, told.lat_deg, told.lon_deg)
+    if away_m < ELSEWHERE_M:
+        return ()
+    return (
+        f"the drone is {away_m / 1000:.0f} km from the site file's road: "
+        "is it the file of another place?",
+    )
