@@ -98,10 +98,12 @@ class Sender:
         speed: float = 1.0,
         telemetry: Path | None = None,
         stamp: bool = False,
+        begin_at_s: float | None = None,
     ) -> None:
         """Start sending at once, over and over; `telemetry` goes along as KLV.
 
-        `stamp` puts into every picture when it was sent, as MISB ST 0604 has it.
+        `stamp` puts into every picture when it was sent, as MISB ST 0604 has it; the first picture
+        waits until `begin_at_s` of the monotonic clock.
         """
         command = [sys.executable, __file__, str(clip), url, container_format]
         command += ["--speed", str(speed)]
@@ -109,6 +111,8 @@ class Sender:
             command += ["--telemetry", str(telemetry)]
         if stamp:
             command += ["--stamp"]
+        if begin_at_s is not None:
+            command += ["--begin-at", str(begin_at_s)]
         self._log = tempfile.TemporaryFile("w+", encoding="utf-8")  # noqa: SIM115 - until killed
         self._process = subprocess.Popen(command, stdout=self._log, stderr=subprocess.DEVNULL)
 
@@ -175,6 +179,7 @@ def push(arguments: argparse.Namespace) -> None:
         assert video.time_base is not None
         loop = packets[-1].dts - packets[0].dts + packets[1].dts - packets[0].dts
         start_s, first, turn, sent = monotonic(), packets[0].dts, 0, (-1, -1)
+        start_s = max(start_s, arguments.begin_at or start_s)
         while True:
             for packet in packets:
                 ticks = packet.dts - first + turn * loop
@@ -209,6 +214,7 @@ def main() -> None:
     parser.add_argument("--speed", type=float, default=1.0)
     parser.add_argument("--telemetry", type=Path)
     parser.add_argument("--stamp", action="store_true")
+    parser.add_argument("--begin-at", type=float)
     arguments = parser.parse_args()
     while True:
         try:
