@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -16,10 +17,12 @@ from queuetail.console.source import ConsoleSource
 from queuetail.geo.earth import enu_from_geodetic, geodetic_from_enu
 from queuetail.geo.ground import enu_to_px
 from queuetail.site_editor import whole_text
-from queuetail.types import Approach, GroundMapping, Origin
+from queuetail.types import Approach, Floats, GroundMapping, Origin
 
 STEP_M = 5.0
 MOST_STEPS = 2000
+STRAIGHT_POINTS = 4  # of an axis, whose course its end goes on in
+FARTHEST_M = 400.0
 Latitude = Annotated[float, Field(ge=-90, le=90, allow_inf_nan=False)]
 Longitude = Annotated[float, Field(ge=-180, le=180, allow_inf_nan=False)]
 Place = tuple[Latitude, Longitude]
@@ -240,7 +243,46 @@ def known_roads(source: ConsoleSource) -> list[KnownRoad]:
     if origin is None:
         return []
     given = {a.name for a in source.about.site.approach}
-    return [known_road(a, origin, a.name not in given) for a in published.observation.approaches]
+    mapping, frame = published.observation.mapping, published.frame
+    found = []
+    for approach in published.observation.approaches:
+        is_found = approach.name not in given
+        whole = approach
+        if is_found and frame is not None and isinstance(mapping, GroundMapping):
+            whole = through_view(approach, mapping, frame.size)
+        found.append(known_road(whole, origin, is_found))
+    return found
+
+
+def through_view(approach: Approach, mapping: GroundMapping, size: tuple[int, int]) -> Approach:
+    """Return a found road gone straight on to the picture's edges.
+
+    Traffic shows it piece by piece, and a queue is not looked for beyond its ends.
+    """
+    axis = approach.axis_enu
+    before = beyond(axis[::-1], mapping, size)[::-1]
+    after = beyond(axis, mapping, size)
+    begun_m = float(np.hypot(*(axis[0] - before[0]))) if len(before) else 0.0
+    return replace(
+        approach,
+        axis_enu=np.concatenate([before, axis, after]),
+        start_station_m=approach.start_station_m - begun_m,
+    )
+
+
+def beyond(axis: Floats, mapping: GroundMapping, size: tuple[int, int]) -> Floats:
+    """Return the point at which a line, gone straight on, leaves the picture: (1, 2) or (0, 2)."""
+    back = axis[max(len(axis) - 1 - STRAIGHT_POINTS, 0)]
+    way = axis[-1] - back
+    length = float(np.hypot(*way))
+    if length < STEP_M:
+        return np.empty((0, 2))
+    points = axis[-1] + way / length * np.arange(STEP_M, FARTHEST_M, STEP_M)[:, None]
+    px = enu_to_px(mapping, points)
+    with np.errstate(invalid="ignore"):
+        inside = ((px >= 0) & (px <= np.array(size))).all(axis=1)
+    count = int(np.argmin(inside)) if not inside.all() else len(points)
+    return points[count - 1 : count] if count else np.empty((0, 2))
 
 
 def known_road(approach: Approach, origin: Origin, is_found: bool) -> KnownRoad:
