@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import math
 from collections.abc import Mapping, Sequence
 from datetime import datetime
@@ -30,6 +31,7 @@ from queuetail.live.records import OutletHealth, Published
 if TYPE_CHECKING:
     import aiomqtt
 
+LOG = logging.getLogger(__name__)
 VARIABLE = "QUEUETAIL_MQTT_PASSWORD"
 PORT, TLS_PORT = 1883, 8883
 TIMEOUT_S = 5.0
@@ -124,6 +126,8 @@ class _Link:
         """Publish a change, then the newest state; connects where there is no connection."""
         if self._loop is None:
             self._loop = asyncio.Runner()
+            # The library's own leftovers of a broken connection: `health` tells of it already.
+            self._loop.get_loop().set_exception_handler(_leave_unsaid)
         try:
             self._loop.run(self._publish(report))
         except BaseException:
@@ -210,3 +214,8 @@ class _Link:
         properties: Any = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
         properties.MessageExpiryInterval = math.ceil(self._feed.valid_s)
         return properties
+
+
+def _leave_unsaid(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Keep a fault that nobody awaits off the user's terminal."""
+    LOG.debug("%s: %s", context.get("message"), context.get("exception"))
