@@ -72,7 +72,7 @@ def write_live_clip(
 def write_live_flight(source: Path, path: Path, group: int = 30) -> Path:
     """Encode a recording anew as a camera sends it: no B-frames, a key frame every second."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with av.open(str(source)) as flight, av.open(str(path), "w", format="mpegts") as out:
+    with av.open(str(source)) as flight, av.open(str(path), "w") as out:
         video = flight.streams.video[0]
         stream = out.add_stream("libx264", rate=video.average_rate)
         assert isinstance(stream, VideoStream)
