@@ -73,6 +73,11 @@ def test_the_first_difference_and_the_largest_are_named(recorded: Recorded, tmp_
         "SB",
         "recorded queued at station 512.0 m ± 1.0 m, now queued at station 514.5 m ± 1.0 m",
     )
+    grows = {**was, "growth_mps": 0.5}
+    assert first_difference([grows], [{**grows, "growth_mps": 0.25}]) == (
+        "SB",
+        "queued at station 512.0 m ± 1.0 m: recorded growth_mps 0.5, now 0.25",
+    )
     assert first_difference([was], []) == ("SB", "this approach is missing now")
     assert first_difference([], [was]) == ("SB", "this approach was not recorded")
 

@@ -204,7 +204,11 @@ def first_difference(was: list[Record], now: list[Record]) -> tuple[str, str] | 
             return name, "this approach is missing now"
         old, new = before[name], after[name]
         if not _is_same("", old, new):
-            return name, f"recorded {words(old)}, now {words(new)}"
+            was_words, now_words = words(old), words(new)
+            if was_words != now_words:
+                return name, f"recorded {was_words}, now {now_words}"
+            field, was_value, now_value = _first_unlike("", old, new)
+            return name, f"{was_words}: recorded {field} {was_value}, now {now_value}"
     return None
 
 
@@ -240,6 +244,15 @@ def _run_info(out: Path, recording: Recording, preset: str) -> RunInfo:
         preset=preset,
         site=recording.site,
     )
+
+
+def _first_unlike(name: str, was: Any, now: Any) -> tuple[str, Any, Any]:
+    """Return the name and both values of the first field that is not the same."""
+    if isinstance(was, dict) and isinstance(now, dict):
+        for key in {**was, **now}:
+            if not _is_same(key, was.get(key), now.get(key)):
+                return _first_unlike(key, was.get(key), now.get(key))
+    return name, was, now
 
 
 def _rate_hz(frames: list[RecordedFrame]) -> float:
