@@ -15,6 +15,7 @@ from queuetail.evaluate.records import ApproachChoice
 from queuetail.types import Bools, Floats
 
 OTHER_FLIGHT_M = 1000.0
+AXIS_KEYS = {"name", "start_station_m", "axis", "axis_enu_m"}  # what stations are counted by
 OTHER_ROAD_M = 25.0  # farther aside than any lane of the same carriageway, errors included
 MAX_PROBES = 5000  # positions looked at to tell whether it is the same flight
 
@@ -109,7 +110,11 @@ def _has_axis_of(run: RunData, truth: TruthData) -> bool:
     site, settings = site_approach(truth), run.about.get("settings")
     if site is None or not isinstance(settings, dict):
         return False
-    return site.model_dump(mode="json") in settings.get("approach", [])
+    axis = site.model_dump(mode="json", include=AXIS_KEYS)
+    return any(
+        {key: approach.get(key) for key in AXIS_KEYS} == axis
+        for approach in settings.get("approach", [])
+    )
 
 
 def _choose(run: RunData, truth: TruthData, queue: Placed, tracks: Placed) -> ApproachChoice:
