@@ -11,10 +11,12 @@ from typing import Any
 
 import pytest
 from answers_double import answer, live_source
+from axe_playwright_python.sync_playwright import Axe
 from fastapi.testclient import TestClient
 from PIL import Image
 from served import Served
 
+from queuetail.cli import main
 from queuetail.config import Site, parse_settings
 from queuetail.console.app import create_api
 from queuetail.console.auth import Access
@@ -62,6 +64,7 @@ def client(signs: LiveSource) -> Iterator[TestClient]:
 def test_every_sign_with_its_decision_and_its_face(client: TestClient) -> None:
     now = client.get("/api/v1/signs", headers=VIEWER).json()
     assert now["can_arm"]
+    assert now["is_outdated"]  # the run's settings name one sign, its control has two
     assert (now["control"]["armed"], now["control"]["reason"]) == (False, "a run starts disarmed")
     far, near = now["signs"]
     assert far["phases"] == [["STOPPED", "TRAFFIC", "1/4 MILE"], ["PREPARE", "TO STOP"]]
@@ -99,6 +102,7 @@ def test_only_operators_arm_and_only_by_name(client: TestClient, signs: LiveSour
 def test_a_run_without_signs_has_nothing_to_arm(source: LiveSource) -> None:
     client = TestClient(create_api(source, Access()), base_url=BASE)
     assert client.get("/api/v1/signs").json()["control"] is None
+    assert client.get("/api/v1/signs").json()["is_outdated"]
     reply = client.post("/api/v1/signs/arming", json=ARM)
     assert reply.status_code == 409
     assert "no [[sign]]" in reply.json()["detail"]
@@ -110,7 +114,8 @@ def test_the_screen_arms_after_a_question_and_disarms_at_once(
 ) -> None:
     site = tmp_path / "site.toml"
     text = (flagger / "site.toml").read_text("utf-8")
-    text += f'\n[[sign]]\nname = "PCMS <b>1</b>"\nstation_m = 500.0\naddress = "{agent.address}"\n'
+    text += '\n[signs]\nrefresh_s = 1\n[[sign]]\nname = "PCMS <b>1</b>"\nstation_m = 500.0\n'
+    text += f'address = "{agent.address}"\n'
     site.write_text(text, encoding="utf-8")
     flight = ("live", str(flagger / "flight.mp4"), "--realtime", "--loop", "--no-store")
     words = (*flight, "--telemetry", str(flagger / "telemetry.csv"), "--site", str(site))
@@ -140,9 +145,23 @@ def test_the_screen_arms_after_a_question_and_disarms_at_once(
         )
         assert page.evaluate("document.documentElement.scrollWidth") <= 390
         viewer.wait_for_selector("#qt-control[data-armed=true]", timeout=LIMIT_MS)
+        found = Axe().run(page, options={"runOnly": ["wcag2a", "wcag2aa"]})
+        assert found.violations_count == 0, found.generate_report()
+        agent.close()
+        page.wait_for_selector("text=Not known now", timeout=LIMIT_MS)
+        page.wait_for_selector("td:has-text('does not answer')", timeout=LIMIT_MS)
         page.click("#qt-disarm")
         page.wait_for_selector("#qt-control[data-armed=false]", timeout=LIMIT_MS)
         assert errors == []
     rows = [json.loads(line) for line in (out / "signs.jsonl").read_text("utf-8").splitlines()]
     assert [r["who"] for r in rows if r["event"] in ("armed", "disarmed")] == ["R. Roe", "R. Roe"]
     assert agent.sign.activations > 0
+
+
+def test_a_dry_run_without_signs_is_refused(
+    flagger: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["live", str(flagger / "flight.mp4"), "--realtime", "--no-store", "--port", "0"]
+    words += ["--telemetry", str(flagger / "telemetry.csv"), "--dry-run-signs"]
+    assert main(words) == 2
+    assert "needs a --site file with a [[sign]]" in capsys.readouterr().err

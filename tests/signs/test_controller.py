@@ -120,6 +120,7 @@ def test_nothing_is_sent_until_an_operator_arms(
     run.controller.arming.disarm("R. Roe")
     until(lambda: agent.phases() == WORK)
     until(lambda: run.controller.health().state is OutletState.OFF)
+    assert run.controller.reports()[0].shown == WORK
     before = agent.sign.activations
     run.state = queue(500.0)
     until(lambda: any(d.phases == QUARTER for d in run.controller.decisions()))

@@ -151,11 +151,14 @@ def _live(arguments: argparse.Namespace) -> int:
 def _shown(a: argparse.Namespace, run: LiveRun, source: StreamSource, site: Site) -> LiveSource:
     """Return what the console shows, with the control of the site's signs, if it has any."""
     from queuetail.console.live_source import LiveSource
+    from queuetail.errors import InputError
     from queuetail.store.address import store_address
 
     shown = LiveSource(run.health, source.name, a.preset, site, a.site)
     shown.on_adjust = run.adjust
     shown.store = None if a.no_store else store_address(a.store)
+    if a.dry_run_signs and not site.sign:
+        raise InputError("--dry-run-signs needs a --site file with a [[sign]]")
     shown.signs = _signs(a, site) if site.sign else None
     return shown
 

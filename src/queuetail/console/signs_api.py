@@ -76,6 +76,7 @@ class Signs(BaseModel):
     control: Armed | None = Field(description="none where no run controls signs")
     dry_run: bool
     can_arm: bool = Field(description="there is a sign that can be controlled")
+    is_outdated: bool = Field(description="the settings name other signs, for the next start")
     signs: list[SignNow]
 
 
@@ -85,15 +86,18 @@ def add(app: FastAPI, source: ConsoleSource) -> None:
     @app.get("/api/v1/signs", tags=["signs"])
     def signs() -> Signs:
         """Return every sign with its decision, and who has armed their control."""
-        controller = controller_of(source)
+        controller, about = controller_of(source), source.about
+        here = controller.signs if controller is not None else ()
+        outdated = about.is_live and about.site.sign != here
         if controller is None:
-            return Signs(control=None, dry_run=False, can_arm=False, signs=[])
+            return Signs(control=None, dry_run=False, can_arm=False, is_outdated=outdated, signs=[])
         decisions = {d.sign: d for d in controller.decisions()}
         reports = {r.name: r for r in controller.reports()}
         return Signs(
             control=_armed(controller.arming.state),
             dry_run=controller.dry_run,
             can_arm=any(sign.address is not None for sign in controller.signs),
+            is_outdated=outdated,
             signs=[_now(s, decisions.get(s.name), reports.get(s.name)) for s in controller.signs],
         )
 

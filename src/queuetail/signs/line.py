@@ -100,8 +100,8 @@ class SignLine:
         """Give the sign back: its default message, where ours could be on it."""
         if not self._holds:
             return
-        await self._client.show_default()
-        self._holds = False
+        shown = await self._client.show_default()
+        self._shown, self._holds = (shown.phases, monotonic()), False
         self._noted("released", {"sign": self.site.name})
 
     async def _once(self) -> float:

@@ -19,10 +19,17 @@ const row = (name, value) => element("tr", {}, element("th", { scope: "row" }, n
 function faces(sign, number, shown) {
   const phases = shown ? sign.shown : sign.phases;
   const count = Math.max(phases.length, 1);
-  return element("div", { class: "qt-faces" }, ...[...Array(count).keys()].map((index) => element("img", {
-    src: `/api/v1/signs/${number}/face.png?phase=${index + 1}&shown=${shown}&of=${encodeURIComponent(words(phases))}`,
-    alt: `Phase ${index + 1}: ${phases[index]?.join(" ") || "blank"}`, width: "520", height: "290",
-  })));
+  return element("div", { class: "qt-faces" }, ...[...Array(count).keys()].map((index) => picture(
+    `/api/v1/signs/${number}/face.png?phase=${index + 1}&shown=${shown}&of=${encodeURIComponent(words(phases))}`,
+    `Phase ${index + 1}: ${phases[index]?.join(" ") || "blank"}`)));
+}
+
+// The same picture stays while the cards around it are made anew; what is not shown is forgotten.
+let kept = new Map(), used = new Map();
+function picture(src, alt) {
+  const found = kept.get(src) ?? element("img", { src, alt, width: "520", height: "290" });
+  used.set(src, found);
+  return found;
 }
 
 const figure = (caption, content) => element("figure", {}, element("figcaption", {}, caption), content);
@@ -38,17 +45,19 @@ function place(sign) {
 
 function card(sign, number) {
   const told = sign.shown !== null;
+  const silent = sign.delivery === "retrying" || sign.delivery === "failed";
   const differs = told && JSON.stringify(sign.shown) !== JSON.stringify(sign.phases);
+  const mark = silent ? "? Not known now. It told" : sign.delivery === "off" ? "When control ended it showed," : `${differs ? "≠" : "✓"} Shows, by its own word`;
   const should = sign.kind === "beacon" ? element("p", { class: "qt-does" }, sign.beacon ? "Beacons flash" : "Beacons off")
     : figure(`Should show: ${words(sign.phases)}`, faces(sign, number, false));
   return element("section", { class: "qt-card", "data-sign": sign.name, "data-state": sign.state ?? "" },
     element("h2", {}, sign.name),
     element("p", { class: "qt-does" }, DOES[sign.state] ?? "No decision yet"),
     should,
-    ...(told ? [figure(`${differs ? "≠ " : "✓ "}Shows, by its own word ${duration(sign.shown_age_s)} ago: ${words(sign.shown)}`,
-      differs ? faces(sign, number, true) : "")] : []),
+    ...(told ? [figure(`${mark} ${duration(sign.shown_age_s)} ago: ${words(sign.shown)}`,
+      differs && sign.delivery === "ok" ? faces(sign, number, true) : "")] : []),
     element("table", {},
-      row("to the queue", distance(sign.distance_m)),
+      sign.distance_m < 0 ? row("the queue reaches", `${distance(-sign.distance_m)} past it`) : row("to the queue", distance(sign.distance_m)),
       row("distance asked for", distance(sign.required_m)),
       row("queue passes it in", sign.passes_in_s === null ? "–" : `about ${duration(sign.passes_in_s)}`),
       ...place(sign),
@@ -67,6 +76,7 @@ function show(now) {
     : on ? `queuetail controls the signs on the word of ${state.who}, since ${since}` : `${state.reason}${state.who ? `, by ${state.who}` : ""}, ${since}`;
   if (state && !now.can_arm) about = "Advice only: no sign has an address.";
   if (now.dry_run) about = `Dry run: nothing is sent. ${about}`;
+  if (now.is_outdated) about += " ⚠ The settings name other signs now: they count from the next start of queuetail live.";
   by("qt-armed").firstElementChild.textContent = on ? "▶ Armed" : "■ Not armed";
   by("qt-armed").lastElementChild.textContent = about;
   if (arm) {
@@ -78,7 +88,9 @@ function show(now) {
   const stable = JSON.stringify(signs.map((s) => ({ ...s, shown_age_s: Math.round(s.shown_age_s), passes_in_s: Math.round(s.passes_in_s) })));
   if (stable === before) return;
   before = stable;
+  used = new Map();
   list.replaceChildren(...signs.map((sign, index) => card(sign, index + 1)));
+  kept = used;
 }
 
 function say(sentence) {
