@@ -31,8 +31,8 @@ def main(argv: list[str] | None = None) -> int:
     words = sys.argv[1:] if argv is None else argv
     # A companion computer has no memory for what other commands' parsers load, such as OpenCV.
     groups = (onboard,) if words[:1] == ["onboard"] else GROUPS
-    arguments = parser(groups).parse_args(words)
     try:
+        arguments = parser(groups).parse_args(words)
         return int(arguments.command(arguments))
     except InputError as error:
         print(f"queuetail: {error}", file=sys.stderr)
