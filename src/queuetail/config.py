@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import tomllib
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -21,6 +22,7 @@ T = TypeVar("T", bound="Settings")
 MPS_PER_MPH = 0.44704
 KM_PER_DEGREE = 111.0  # of latitude; of longitude it is less, which a sanity check may ignore
 MAX_LEG_KM = 100.0  # no road is straight for longer: a digit or a sign is wrong
+LIST = "has to be a list, in brackets"
 DEFAULT_QUEUE_SPEED_MPH = 25.0  # Messenger et al. (2023): where no limit is posted
 
 
@@ -224,6 +226,11 @@ def _first_problem(model: type[Settings], error: ValidationError) -> str:
         return f"unknown key {location[-1]!r}{inside}; {hint}"
     message = problem["msg"].removeprefix("Value error, ")
     given = problem.get("input")
+    if problem["type"] == "tuple_type":
+        is_table = isinstance(given, Mapping)
+        message = f"has to be a list: write [[{where}]]" if is_table else LIST
+    elif problem["type"] == "model_type":
+        message = f"has to be one table: write [{where}]"
     if problem["type"] != "value_error" and isinstance(given, str | int | float):
         message += f" (it is {given!r})"
     if "axis" in location and str(problem["type"]).endswith("_than_equal"):

@@ -66,6 +66,8 @@ def test_a_sign_of_a_site_file_keeps_its_default(agent: SignAgent, tmp_path: Pat
     [
         (["show", "--to", "SIGN"], "say what to show"),
         (["show", "CAFÉ", "--to", "SIGN"], "plain ASCII"),
+        (["show", "[nl]A", "--to", "SIGN"], "has a tag"),
+        (["show", "{distance}", "--to", "SIGN"], "write the distance itself"),
         (["show", "A", "B", "C", "--to", "SIGN"], "two phases at most"),
         (["show", "MUCH TOO WIDE", "--to", "SIGN"], "larger than its face"),
         (["show", "MUCH TOO WIDE", "--site", "SITE", "--sign", "PCMS 1"], "does not fit"),
@@ -107,15 +109,6 @@ def test_a_simulated_sign_refuses_impossible_numbers(
         main(["sign", "simulate", *words])
     assert refused.value.code == 2
     assert "is no " in capsys.readouterr().err
-
-
-def test_tags_are_shown_as_they_are_typed(
-    agent: SignAgent, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Brackets belong to the text: nobody puts a tag, known or unknown, into a sign by hand."""
-    assert main(["sign", "show", "[nl]A", "[zz9]", "--to", agent.address]) == 0
-    assert agent.phases() == (("[nl]A",), ("[zz9]",))
-    assert "shows    [nl]A | [zz9]" in capsys.readouterr().out
 
 
 def test_arm_and_disarm(

@@ -119,7 +119,13 @@ TWO = {**ROAD, "approach": [APPROACH, {**APPROACH, "name": "SB"}]}
         ({"signs": {"refresh_s": 45}}, "half of duration_min"),
         ({"signs": {"phase_s": 1.0}}, "signs.phase_s"),
         ({"signs": {"holds": 1.0}}, "did you mean 'hold_s'?"),
-        ({"sign": [{**SIGN, "default": [["CAFÉ"]]}]}, "sign 1.default"),
+        ({"sign": [{**SIGN, "default": [["CAFÉ"]]}]}, "'CAFÉ' has characters"),
+        ({"sign": [{**SIGN, "default": [["[nl]A"]]}]}, "'[nl]A' has a tag"),
+        ({"sign": [{**SIGN, "clear": [["{distance}"]]}]}, "clear is for when no queue is near"),
+        ({"signs": {"ahead": [["{when}"]]}}, "'{when}' has a tag"),
+        ({"sign": {**SIGN}}, "sign: has to be a list: write [[sign]]"),
+        ({"signs": [{"dry_run": True}]}, "signs: has to be one table: write [signs]"),
+        ({"sign": [{**SIGN, "default": ["WORK"]}]}, "has to be a list, in brackets"),
     ],
 )
 def test_a_site_files_signs_are_checked(raw: dict[str, object], sentence: str) -> None:

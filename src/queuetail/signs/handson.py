@@ -15,7 +15,7 @@ from queuetail.errors import InputError
 from queuetail.signs.agent import SignAgent
 from queuetail.signs.client import Shown, SignClient
 from queuetail.signs.faults import SignFault, short_errors
-from queuetail.signs.messages import fit
+from queuetail.signs.messages import DISTANCE, fit, unshowable
 from queuetail.signs.ntcip import INFINITE_MIN, SOURCES, ControlMode, Source
 from queuetail.signs.records import Phases, as_text
 from queuetail.signs.secrets import Secrets, read_secrets
@@ -72,8 +72,10 @@ def phases_from(words: list[str]) -> Phases:
         raise InputError("say what to show: one TEXT a phase, with ' / ' between its lines")
     for lines in phases:
         for line in lines:
-            if not line.isascii() or not line.isprintable():
-                raise InputError(f"'{line}' has characters that signs cannot show; use plain ASCII")
+            if DISTANCE in line:
+                raise InputError(f"{DISTANCE} is for a site file; write the distance itself")
+            if sentence := unshowable(line):
+                raise InputError(sentence)
     return phases
 
 

@@ -6,15 +6,27 @@ characters, each phase understandable by itself and shown for 2 s or more, 8 s i
 
 from __future__ import annotations
 
+import re
+
 from queuetail.signs.records import Phases
 
 DISTANCE = "{distance}"
+TAG = re.compile(r"[\[\]{}]")
 LONGEST_DISTANCE = {"us": "1 1/2 MI", "metric": "1.5 KM"}
 
 
 def with_distance(text: Phases, distance: str) -> Phases:
     """Return the text with the distance put in."""
     return tuple(tuple(line.replace(DISTANCE, distance) for line in lines) for lines in text)
+
+
+def unshowable(line: str) -> str:
+    """Say what is wrong with a line of text; empty for what every sign can show."""
+    if not line.isascii() or (line and not line.isprintable()):
+        return f"'{line}' has characters that signs cannot show; use plain ASCII"
+    if TAG.search(line.replace(DISTANCE, "")):
+        return f"'{line}' has a tag; text takes none but {DISTANCE}, where a distance is told"
+    return ""
 
 
 def fit(text: Phases, lines: int, characters: int, phases: int) -> Phases:

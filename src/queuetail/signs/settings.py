@@ -6,13 +6,20 @@ import re
 from collections.abc import Iterable
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from queuetail.settings import Finite, LatLon, Settings
-from queuetail.signs.messages import DISTANCE, LONGEST_DISTANCE, fit, with_distance
+from queuetail.signs.messages import DISTANCE, LONGEST_DISTANCE, fit, unshowable, with_distance
 from queuetail.signs.records import Phases, SignKind
 
-Line = Annotated[str, Field(max_length=40, pattern=r"^[ -~]*$")]
+
+def _shown(line: str) -> str:
+    if sentence := unshowable(line):
+        raise ValueError(sentence)
+    return line
+
+
+Line = Annotated[str, Field(max_length=40), AfterValidator(_shown)]
 Text = Annotated[
     tuple[Annotated[tuple[Line, ...], Field(min_length=1, max_length=6)], ...], Field(max_length=2)
 ]
@@ -43,6 +50,8 @@ class SignSite(Settings):
         if self.kind is SignKind.BEACON and (self.default or self.clear):
             raise ValueError("a beacon shows no text: leave default and clear out")
         for key, text in (("default", self.default), ("clear", self.clear)):
+            if DISTANCE in _words(text):
+                raise ValueError(f"{key} is for when no queue is near: no {DISTANCE}")
             if fit(text, self.lines, self.characters, self.phases) != text:
                 raise ValueError(f"{key} is larger than the sign, which has {self.size}")
         return self
