@@ -207,17 +207,20 @@ def test_a_portable_sign_is_told_where_to_stand(
         assert decision.placement.move_to_lat_deg == pytest.approx(ORIGIN.lat_deg, abs=1e-3)
 
 
-def test_the_place_to_move_to_leaves_room_for_growth() -> None:
+@pytest.mark.parametrize(("watched_s", "room_m"), [(40, 100.0), (240, 300.0)])
+def test_the_place_to_move_to_leaves_room_for_growth(watched_s: int, room_m: float) -> None:
+    """0.5 m/s for the ten minutes of the move, or for five times as long as it was watched."""
     still = Scene(sign(station_m=900.0)).see(queue(1000.0), 40.0).placement
     scene = Scene(sign(station_m=900.0))
-    for n in range(40):
-        growing = scene.see(queue(1020.0 - 0.5 * n, growth=0.5), 1.0).placement
+    for n in range(watched_s):
+        end_m = 1000.0 + 0.5 * (watched_s - n)
+        growing = scene.see(queue(end_m, growth=0.5), 1.0).placement
     assert still is not None
     assert growing is not None
     assert still.move_to_station_m is not None
     assert growing.move_to_station_m is not None
-    # 0.5 m/s for the ten minutes that the move takes
-    assert still.move_to_station_m - growing.move_to_station_m == pytest.approx(300, abs=30)
+    moved_m = still.move_to_station_m - growing.move_to_station_m
+    assert moved_m == pytest.approx(room_m, abs=0.12 * room_m + 10)
     fixed = Scene(sign(station_m=900.0, kind="fixed")).see(queue(1000.0), 1.0)
     assert fixed.placement is None
 

@@ -34,6 +34,7 @@ MOVE_S = 600.0  # moving a portable sign takes about so long: it should then sti
 MOVE_ROOM = 1.25  # times the warning distance
 TOO_FAR = 4.0  # times the warning distance: drivers forget a warning that proves nothing
 MOVE_STEP_M = 10.0
+TREND_REACH = 5.0  # a trend is drawn out for so many times as long as it was watched
 BESIDE_M = 2.0  # from the right edge of the right lane to a portable sign
 SMOOTH_S = 5.0  # over which growth is averaged for a driver
 TREND_S, LEAST_TREND_S, SAMPLE_S = 120.0, 20.0, 1.0  # of stations, for planning a move
@@ -58,6 +59,13 @@ class _Known:
     answer_s: float
     growth_mps: float = 0.0
     past: tuple[tuple[float, float], ...] = ()  # (time, station) of the end, one a second
+
+    def grown_m(self, after_s: float) -> float:
+        """How far upstream the queue may have come after so long; young trends go less far."""
+        if not self.past:
+            return 0.0
+        watched_s = self.past[-1][0] - self.past[0][0]
+        return max(self.trend_mps, 0.0) * min(after_s, TREND_REACH * watched_s)
 
     @property
     def trend_mps(self) -> float:
@@ -261,8 +269,7 @@ class Adviser:
         gap_m = view.end_m - memory.station_m
         if self.required_m <= gap_m <= TOO_FAR * self.required_m:
             return Placement(Fit.OK)
-        growth = max(view.known.trend_mps, 0.0)
-        goal_m = view.end_m - MOVE_ROOM * self.required_m - growth * MOVE_S
+        goal_m = view.end_m - MOVE_ROOM * self.required_m - view.known.grown_m(MOVE_S)
         goal_m = math.floor(goal_m / MOVE_STEP_M) * MOVE_STEP_M
         too_close = gap_m < self.required_m
         if not too_close and view.known.state.status is QueueStatus.BEYOND_VIEW:
