@@ -215,3 +215,12 @@ def generated(operation: Any, count: int) -> list[Any]:
 def test_the_age_counts_from_the_picture(source: LiveSource, client: TestClient) -> None:
     age_s = (datetime.now(UTC) - START_UTC).total_seconds() - 4.0
     assert client.get("/api/v1/state").json()["age_s"] == pytest.approx(age_s, abs=5.0)
+
+
+def test_numbers_that_json_cannot_carry_are_refused_by_a_sentence(client: TestClient) -> None:
+    for body in ('{"posted_speed_mph": NaN}', '{"name": NaN}', '{"roads": [{"lanes": Infinity}]}'):
+        reply = client.post(
+            "/api/v1/setup/preview", content=body, headers={"Content-Type": "application/json"}
+        )
+        assert reply.status_code == 422
+        assert reply.json()["detail"][0]["msg"]

@@ -74,7 +74,9 @@ def test_what_is_drawn_lies_in_the_picture() -> None:
     assert ground[:, 0] == pytest.approx(-10.0, abs=0.1)  # station 1190 of an axis from -200 m
     assert len(end["sigma"]) == 2
     assert {lane["dashed"] for lane in drawn["lanes"]} == {True, False}
-    assert all(int(tick["text"]) % 10 == 0 for tick in drawn["ticks"])
+    for ticks in (drawn["ticks"], drawn["ticks_ft"]):
+        assert len(ticks) > 1
+        assert all(int(tick["text"]) % 10 == 0 for tick in ticks)
     nothing = drawing(lost(2))
     assert nothing["ends"] == nothing["lanes"] == nothing["boxes"] == []
 

@@ -18,6 +18,13 @@ from broadcast import Sender, free_port
 
 LIMIT_MS = 40_000
 SAID_S = 6.0  # two seconds are the aim; a machine that others use may take longer
+M_PER_FT = 0.3048
+OFF_CENTRE_PX = """() => {
+  const pin = document.querySelector('.qt-pin-eoq'), mark = document.createRange();
+  mark.selectNodeContents(pin);
+  const [a, b] = [pin.getBoundingClientRect(), mark.getBoundingClientRect()];
+  return Math.abs(a.x + a.width / 2 - b.x - b.width / 2);
+}"""
 SIGN = '\n[[sign]]\nname = "PCMS 1"\nstation_m = 500.0\n'
 
 
@@ -58,11 +65,13 @@ def test_the_answer_appears_and_is_that_of_the_tables(live: Live) -> None:
     page = live.page
     text = page.text_content("tr:has(th:text-is('Station')) td")
     t_s = float(page.get_attribute("#qt-watch", "data-t"))
-    shown_m = float(text.split(" m")[0])
+    assert text.endswith(" ft")  # as everything else on the screen
+    shown_m = float(text.split(" ±")[0]) * M_PER_FT
     nearest = min(rows_of(live.out / "queue.csv", t_s), key=lambda r: abs(float(r["t_s"]) - t_s))
     assert shown_m == pytest.approx(float(nearest["eoq_station_m"]), abs=1.0)
     assert page.text_content("tr:has(th:text-is('PCMS 1 to the queue')) td").endswith(" ft")
     page.wait_for_selector("#qt-map .qt-pin-eoq", timeout=LIMIT_MS)
+    assert page.evaluate(OFF_CENTRE_PX) < 2.0  # the mark stands on its place, not beside it
     page.wait_for_selector("#qt-map img.leaflet-image-layer", timeout=LIMIT_MS)
     drawn = page.evaluate("window.qtDrawn")
     page.wait_for_function(f"window.qtDrawn > {drawn + 5}", timeout=LIMIT_MS)

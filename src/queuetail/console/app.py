@@ -15,8 +15,10 @@ from threading import Event, Thread
 import nicegui
 import uvicorn
 from fastapi import APIRouter, FastAPI
+from fastapi.exceptions import RequestValidationError
 from nicegui import ui
-from starlette.responses import FileResponse
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse
 from starlette.staticfiles import StaticFiles
 
 from queuetail import __version__
@@ -70,6 +72,12 @@ def create_api(
         """Return the API's description for people."""
         return FileResponse(STATIC / "docs.html")
 
+    @app.exception_handler(RequestValidationError)
+    async def invalid(_request: Request, error: RequestValidationError) -> JSONResponse:
+        """Say what is wrong with a request, but not what it was: JSON cannot carry its NaN."""
+        told = [{name: e[name] for name in ("type", "loc", "msg")} for e in error.errors()]
+        return JSONResponse({"detail": told}, 422)
+
     app.mount("/static/leaflet", StaticFiles(directory=LEAFLET), name="leaflet")
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
     app.add_middleware(Guard, access=access, cookie=cookie)
@@ -112,6 +120,7 @@ class ConsoleServer:
         listening = _listening(host, port)
         self.port = int(listening.getsockname()[1])
         logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
+        logging.getLogger("nicegui").setLevel(logging.ERROR)  # else strangers' paths are printed
         app = create_app(source, self.access, f"queuetail-{self.port}", routers)
         self._server = uvicorn.Server(
             uvicorn.Config(

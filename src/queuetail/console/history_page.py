@@ -24,9 +24,21 @@ def add(source: ConsoleSource) -> None:
             ui.add_body_html('<script type="module" src="/static/history.js"></script>')
 
 
+LEGEND = "".join(
+    f'<span><i style="background:var(--{colour})"></i>{words}</span>'
+    for colour, words in (
+        ("clear", "clear"),
+        ("queued", "queued"),
+        ("beyond", "queue ends beyond view"),
+        ("unknown", "unknown (low)"),
+    )
+)
+
+
 def content(about: About) -> str:
     """Return the screen's elements, which the page's own script fills."""
     facts = {"live": about.is_live}
+    opens = "" if about.is_live else "; click it to open that moment"
     return f"""
 <h1>History</h1>
 <div id="qt-history" data-about="{escape(json.dumps(facts))}" class="qt-steps">
@@ -40,8 +52,8 @@ def content(about: About) -> str:
       <label>Flight <select id="qt-flight"><option value="">all of the day</option></select></label>
     </div>
     <canvas class="qt-day" id="qt-day" role="img" aria-label="End of queue over the day"></canvas>
-    <p class="qt-note" id="qt-dayread">Point at the chart to read it; click it to open that
-      moment.</p>
+    <p class="qt-note" id="qt-dayread">Point at the chart to read it{opens}.</p>
+    <p class="qt-legend" aria-label="Colours">{LEGEND}</p>
     <p id="qt-said" class="qt-said" role="status"></p>
     <div class="qt-row">Export
       <a class="qt-button qt-quiet" data-form="csv">CSV</a>

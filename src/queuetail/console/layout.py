@@ -42,7 +42,7 @@ def page(source: ConsoleSource, screen: Screen, request: Request) -> Iterator[Ro
     role = role_of(request)
     about = source.about
     ui.page_title(f"{screen.name} · {about.title}")
-    ui.add_head_html(HEAD)
+    ui.add_head_html(f'<meta name="qt-units" content="{about.site.signs.units}">{HEAD}')
     ui.query(".nicegui-content").classes("qt-page").props("id=main")
     links = "".join(
         f'<a href="{s.path}"{" aria-current=page" if s is screen else ""}>{escape(s.name)}</a>'

@@ -22,7 +22,8 @@ from queuetail.types import (
 )
 
 LINE_STEP_M = 5.0
-TICK_STEPS_M = (10.0, 25.0, 50.0, 100.0, 200.0, 500.0)
+TICK_STEPS = (10.0, 25.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0)  # metres or feet
+M_PER_FT = 0.3048
 TICKS = 16  # about so many in view
 REACH = 1.0  # how many picture widths beyond its edge a line is worth sending
 
@@ -36,6 +37,7 @@ def drawing(published: Published) -> dict[str, Any]:
         "boxes": _boxes(observation),
         "lanes": [],
         "ticks": [],
+        "ticks_ft": [],
         "ends": [],
         "H_ref": np.round(observation.registration.H_ref_frame, 9).ravel().tolist(),
         "epoch": observation.registration.epoch,
@@ -46,7 +48,8 @@ def drawing(published: Published) -> dict[str, Any]:
     by_name = {a.name: a for a in observation.approaches}
     for approach in observation.approaches:
         found["lanes"] += _lanes(approach, mapping, size)
-        found["ticks"] += _ticks(approach, mapping, size)
+        found["ticks"] += _ticks(approach, mapping, size, 1.0)
+        found["ticks_ft"] += _ticks(approach, mapping, size, M_PER_FT)
     for state in observation.states:
         if state.eoq is not None and state.approach in by_name:
             found["ends"].append(_end(state, state.eoq, by_name[state.approach], mapping))
@@ -111,21 +114,22 @@ def _near(px: Floats, size: tuple[int, int]) -> Any:
 
 
 def _ticks(
-    approach: Approach, mapping: GroundMapping, size: tuple[int, int]
+    approach: Approach, mapping: GroundMapping, size: tuple[int, int], unit_m: float
 ) -> list[dict[str, Any]]:
-    """Return stations at round metres across the road: [[u, v], [u, v]] and their text."""
+    """Return stations at round numbers of a unit across the road: [[u, v], [u, v]] and text."""
     stations = axis_stations(approach, LINE_STEP_M)
     px = enu_to_px(mapping, place(approach, stations, np.zeros(len(stations))))
     with np.errstate(invalid="ignore"):
         inside = ((px >= 0) & (px <= np.array(size))).all(axis=1)
     if not inside.any():
         return []
-    low, high = float(stations[inside].min()), float(stations[inside].max())
-    step = next((s for s in TICK_STEPS_M if (high - low) / s <= TICKS), TICK_STEPS_M[-1])
+    low, high = float(stations[inside].min()) / unit_m, float(stations[inside].max()) / unit_m
+    step = next((s for s in TICK_STEPS if (high - low) / s <= TICKS), TICK_STEPS[-1])
     rounds = np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step
+    at_m = rounds * unit_m
     right = float(road_edges_m(approach)[-1])
     ends = [
-        enu_to_px(mapping, place(approach, rounds, np.full(len(rounds), offset)))
+        enu_to_px(mapping, place(approach, at_m, np.full(len(at_m), offset)))
         for offset in (right, right - 2 * SHOULDER_M)
     ]
     return [

@@ -38,7 +38,6 @@ def content(about: About) -> str:
         "end_s": about.end_s,
         "step_s": about.step_s,
         "drawn": about.is_drawn,
-        "units": about.site.signs.units,
     }
     boxes = (
         DRAWN

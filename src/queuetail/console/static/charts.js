@@ -1,7 +1,7 @@
 // Two charts on canvas: where the queue ended, and where every vehicle was, over time.
-import { MPS_PER_MPH, ask, fixed, units } from "./format.js";
+import { M_PER_FT, MPS_PER_MPH, ask, element, fixed, units } from "./format.js";
 
-const EVERY_MS = 2000, WINDOW_S = 300, LEFT = 52, RIGHT = 10, TOP = 10, BOTTOM = 34;
+const EVERY_MS = 2000, WINDOW_S = 300, LEFT = 58, RIGHT = 10, TOP = 10, BOTTOM = 20;
 const COLOURS = ["#e0304f", "#2f80d8", "#a8741a", "#9a4fd0"];
 // From standing to free: dark red to light blue, which differ in brightness, too.
 const SPEEDS = [[0.5, "#d0243c"], [2, "#e8590c"], [6, "#f2b134"], [12, "#8fb8de"], [1e9, "#3d7fc1"]];
@@ -63,7 +63,7 @@ export class Charts {
 
   drawEoq(plot) {
     const c = plot.context;
-    const names = [...new Set(this.rows.map((r) => r.approach))];
+    const names = [...new Set(this.rows.map((r) => r.approach))].filter((n) => n); // none: no road known yet
     plot.unknown(this.rows.filter((r) => r.status === "unknown").map((r) => r.t_s), this.step);
     names.forEach((name, i) => {
       const colour = COLOURS[i % COLOURS.length];
@@ -84,7 +84,7 @@ export class Charts {
     });
     plot.axes();
     if (!this.rows.some((r) => r.station_m !== null)) plot.say("no queue in this time");
-    plot.legend([...names.map((n, i) => [COLOURS[i % COLOURS.length], `${n || "queue"} ± sigma`]), ["hatch", "unknown"]]);
+    plot.legend([...names.map((n, i) => [COLOURS[i % COLOURS.length], `${n} ± sigma`]), ["hatch", "unknown"]]);
     this.cursor(plot);
   }
 
@@ -132,10 +132,13 @@ class Plot {
     this.line = style.getPropertyValue("--line").trim();
     this.card = style.getPropertyValue("--card").trim();
     Object.assign(this, { t0, t1, s0, s1 });
+    this.unit_m = units() === "us" ? M_PER_FT : 1;
+    this.stations = ticks(s0 / this.unit_m, s1 / this.unit_m, 5).map((s) => s * this.unit_m);
+    this.canvas = canvas;
     c.font = "12px system-ui, sans-serif";
     c.strokeStyle = this.line;
     c.lineWidth = 1;
-    for (const s of ticks(s0, s1, 5)) { c.beginPath(); c.moveTo(LEFT, this.y(s)); c.lineTo(this.width - RIGHT, this.y(s)); c.stroke(); }
+    for (const s of this.stations) { c.beginPath(); c.moveTo(LEFT, this.y(s)); c.lineTo(this.width - RIGHT, this.y(s)); c.stroke(); }
     c.save();
     c.beginPath();
     c.rect(LEFT, 0, this.width - LEFT - RIGHT, this.height - BOTTOM);
@@ -167,7 +170,7 @@ class Plot {
     c.fillStyle = this.dim;
     c.textAlign = "right";
     c.textBaseline = "middle";
-    for (const s of ticks(this.s0, this.s1, 5)) c.fillText(`${s} m`.replace("-", "−"), LEFT - 6, this.y(s));
+    for (const s of this.stations) c.fillText(fixed(s / this.unit_m, 0, this.unit_m === 1 ? "m" : "ft"), LEFT - 6, this.y(s));
     c.textAlign = "center";
     c.textBaseline = "top";
     for (const t of ticks(this.t0, this.t1, Math.max(this.width / 110, 2), true)) {
@@ -185,25 +188,15 @@ class Plot {
     c.textAlign = "left";
   }
 
+  // Below the canvas, where it wraps on a phone and grows with the reader's letters.
   legend(entries) {
-    const c = this.context;
-    const y = this.height - 8;
-    c.textBaseline = "alphabetic";
-    const width = entries.reduce((sum, [, words]) => sum + c.measureText(words).width + 24, -8);
-    let x = Math.max(Math.min(LEFT, this.width - RIGHT - width), 0);
-    for (const [colour, words] of entries) {
-      if (colour === "hatch") {
-        c.strokeStyle = this.dim;
-        c.lineWidth = 1;
-        for (const k of [0, 4, 8]) { c.beginPath(); c.moveTo(x + k, y); c.lineTo(x + k + 3, y - 9); c.stroke(); }
-      } else {
-        c.fillStyle = colour;
-        c.fillRect(x, y - 9, 10, 9);
-      }
-      c.fillStyle = this.dim;
-      c.fillText(words, x + 14, y);
-      x += c.measureText(words).width + 24;
-    }
+    let list = this.canvas.nextElementSibling;
+    if (!list) this.canvas.after(list = element("p", { class: "qt-legend" }));
+    const key = JSON.stringify(entries);
+    if (list.dataset.key === key) return;
+    list.dataset.key = key;
+    list.replaceChildren(...entries.map(([colour, words]) => element("span", {},
+      element("i", colour === "hatch" ? { class: "qt-hatch" } : { style: `background:${colour}` }), words)));
   }
 }
 

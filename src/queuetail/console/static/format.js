@@ -2,16 +2,23 @@
 export const NONE = "–";
 export const MPS_PER_MPH = 0.44704, M_PER_FT = 0.3048;
 
-export const units = () => localStorage.getItem("qt-units") ?? "us";
+// What the reader chose on Watch, else what the site's signs are in.
+export const units = () => localStorage.getItem("qt-units")
+  ?? document.querySelector("meta[name=qt-units]")?.content ?? "us";
 
 export function fixed(value, digits = 0, unit = "") {
   if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
   return `${value.toFixed(digits).replace("-", "−")}${unit && " " + unit}`;
 }
 
-export function distance(metres) {
+export function distance(metres, digits = 0) {
   if (metres === null || metres === undefined) return NONE;
-  return units() === "us" ? fixed(metres / M_PER_FT, 0, "ft") : fixed(metres, 0, "m");
+  return units() === "us" ? fixed(metres / M_PER_FT, digits, "ft") : fixed(metres, digits, "m");
+}
+
+// A place with how sure it is, both in the same unit: 2981 ± 1.8 ft.
+export function plusMinus(metres, sigma_m) {
+  return `${distance(metres).replace(/ .*/, "")} ± ${distance(Math.max(sigma_m, 0.1), sigma_m < 3 ? 1 : 0)}`;
 }
 
 export function speed(mps, digits = 0) {

@@ -1,11 +1,12 @@
 // The History screen: one day of the store at a time; moments of this run open in replay.
 import { get } from "./board.js";
-import { M_PER_FT, appeared, distance, element, units } from "./format.js";
+import { M_PER_FT, appeared, distance, element, plusMinus, units } from "./format.js";
 
 const about = JSON.parse((await appeared("qt-history")).dataset.about);
 const by = (id) => document.getElementById(id);
 const canvas = by("qt-day");
 const COLOURS = { clear: "--clear", queued: "--queued", beyond_view: "--beyond", unknown: "--unknown" };
+const STRIP = { clear: [6, 6], queued: [0, 12], beyond_view: [0, 12], unknown: [10, 2] };
 const NAMES = { clear: "clear", queued: "queued", beyond_view: "queue ends beyond view", unknown: "unknown" };
 let rows = [], flights = [], run = null;
 
@@ -76,9 +77,16 @@ async function refresh() {
 const changes = (list) => list.filter((row, i) => i && row.status !== list[i - 1].status && row.approach === list[i - 1].approach)
   .map((row) => ({ ...row, event: NAMES[row.status] }));
 
+// A flight that never said its end goes on while answers come, else it was cut off.
+function ended(f) {
+  if (!f.last_utc) return "no answer yet";
+  if (f.is_finished) return clock(f.last_utc);
+  return Date.now() - new Date(f.last_utc) < 60_000 ? "goes on" : `${clock(f.last_utc)} (cut off)`;
+}
+
 function flightRow(f) {
   const row = element("tr", { "data-flight": f.id, "aria-selected": `${by("qt-flight").value === f.id}` },
-    ...[clock(f.started_utc), f.is_finished && f.last_utc ? clock(f.last_utc) : "goes on, or was cut off", f.site, f.source, f.preset, `${f.answers}`, `${f.events}`].map((c) => element("td", {}, c)));
+    ...[clock(f.started_utc), ended(f), f.site, f.source, f.preset, `${f.answers}`, `${f.events}`].map((c) => element("td", {}, c)));
   row.addEventListener("click", () => {
     by("qt-flight").value = by("qt-flight").value === f.id ? "" : f.id;
     refresh();
@@ -132,7 +140,8 @@ function draw() {
     const since = +new Date(row.utc), x = at.x(since);
     const to = at.x(Math.min(next ? +new Date(next.utc) : since, since + Math.max(4 * step_ms, 3000)));
     c.fillStyle = colour(COLOURS[row.status]);
-    c.fillRect(x, at.bottom + 8, Math.max(to - x, 1.5), 10);
+    const [down, thick] = STRIP[row.status]; // also told by its height, for the colour-blind
+    c.fillRect(x, at.bottom + 8 + down, Math.max(to - x, 1.5), thick);
     if (row.station_m === null) return;
     c.beginPath();
     c.arc(x, at.y(row.station_m), 2.6, 0, 7);
@@ -163,7 +172,7 @@ function nearest(event) {
 canvas.addEventListener("mousemove", (event) => {
   const row = nearest(event);
   if (!row) return;
-  const eoq = row.station_m === null ? "" : `: ${distance(row.station_m)}${row.sigma_m === null ? "" : ` ± ${distance(row.sigma_m)}`}`;
+  const eoq = row.station_m === null ? "" : `: ${row.sigma_m === null ? distance(row.station_m) : plusMinus(row.station_m, row.sigma_m)}`;
   by("qt-dayread").textContent = `${clock(row.utc)} ${row.approach} ${NAMES[row.status]}${eoq}${replay(row) ? " (click to open)" : ""}`;
 });
 canvas.addEventListener("click", (event) => {

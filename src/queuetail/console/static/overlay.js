@@ -1,5 +1,5 @@
 // What is drawn over the picture: crisp at any size, each kind with its own colour and line.
-import { speed } from "./format.js";
+import { plusMinus, speed, units } from "./format.js";
 
 const KINDS = {
   moving: { colour: "#56c8ff", width: 1.6 },
@@ -98,11 +98,12 @@ export class Overlay {
   }
 
   drawStations() {
-    for (const tick of this.drawing.ticks) {
+    const us = units() === "us";
+    for (const tick of us ? this.drawing.ticks_ft : this.drawing.ticks) {
       this.path(tick.px);
       this.stroke("#fff", 1.6);
       const [u, v] = tick.px[1];
-      this.label(`${tick.text} m`, u * this.scale, v * this.scale, { size: 11, colour: "#fff", below: true });
+      this.label(`${tick.text} ${us ? "ft" : "m"}`, u * this.scale, v * this.scale, { size: 11, colour: "#fff", below: true });
     }
   }
 
@@ -152,7 +153,7 @@ export class Overlay {
       c.stroke();
       c.lineCap = "butt";
       const [u, v] = end.bar[0][1] < end.bar[1][1] ? end.bar[0] : end.bar[1];
-      const words = `${end.beyond ? "queue ends upstream of" : "end of queue"} ${end.station_m.toFixed(0)} ± ${Math.max(end.sigma_m, 0.1).toFixed(1)} m`;
+      const words = `${end.beyond ? "queue ends upstream of" : "end of queue"} ${plusMinus(end.station_m, end.sigma_m)}`;
       this.label(words, u * this.scale, v * this.scale - 8, { size: 14, colour: "#fff", back: "#a80022", bold: true });
     }
   }

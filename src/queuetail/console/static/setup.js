@@ -1,6 +1,6 @@
 // The Set up screen: check what comes in, accept or draw the road, place signs, use and keep it.
 import { Board, get, lanesOf, save, send } from "./board.js";
-import { appeared, duration, element, fixed } from "./format.js";
+import { appeared, distance, duration, element, fixed } from "./format.js";
 
 const about = JSON.parse((await appeared("qt-setup")).dataset.about);
 const by = (id) => document.getElementById(id);
@@ -29,7 +29,8 @@ async function hold() {
 
 // 1. What comes in.
 const NEEDED = ["position", "height", "heading", "gimbal_pitch", "hfov"];
-const quantity = (name) => name.replaceAll("_", " ");
+const quantity = (name) => (name === "hfov" ? "field of view" : name.replaceAll("_", " "));
+const told = (value) => (/ m$/.test(value) ? distance(parseFloat(value)) : value.replaceAll("-", "−"));
 async function checks() {
   try {
     const health = await get("/api/v1/health");
@@ -46,7 +47,7 @@ async function checks() {
     const names = [...new Set([...NEEDED, ...Object.keys(telemetry), ...Object.keys(health.telemetry_age_s)])];
     const placed = still?.is_placed && !still.has_pose;
     by("qt-quantities").replaceChildren(...names.filter((n) => !placed || telemetry[n]).map((n) => element("tr", {},
-      element("th", { scope: "row" }, quantity(n)), element("td", {}, telemetry[n] ?? "missing"),
+      element("th", { scope: "row" }, quantity(n)), element("td", {}, n in telemetry ? told(telemetry[n]) : "missing"),
       element("td", {}, n in health.telemetry_age_s ? duration(health.telemetry_age_s[n]) : telemetry[n] ? "from a log" : ""),
       element("td", {}, n in health.telemetry_rate_hz ? fixed(health.telemetry_rate_hz[n], 1, "Hz") : ""))));
   } catch { /* the next round says it */ }
@@ -68,7 +69,7 @@ async function load() {
   }
   const found = known.roads.filter((r) => r.is_found);
   by("qt-accept").disabled = !found.length;
-  by("qt-roadnote").textContent = found.length ? `Found in the traffic: ${found.map((r) => `${r.name}, ${r.lanes} ${r.lanes === 1 ? "lane" : "lanes"}, ${fixed(r.length_m, 0, "m")}`).join("; ")}.`
+  by("qt-roadnote").textContent = found.length ? `Found in the traffic: ${found.map((r) => `${r.name}, ${r.lanes} ${r.lanes === 1 ? "lane" : "lanes"}, ${distance(r.length_m)}`).join("; ")}.`
     : draft.roads.length ? "The road is known. Draw it anew if its lines do not lie on the road." : "No road is known yet: wait for traffic, or draw it.";
   preview();
 }

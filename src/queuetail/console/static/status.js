@@ -1,5 +1,5 @@
 // The answer in one glance: a word, a colour and a shape; numbers beside it.
-import { NONE, M_PER_FT, distance, duration, element, fixed, units } from "./format.js";
+import { NONE, M_PER_FT, distance, duration, element, fixed, plusMinus, units } from "./format.js";
 
 const WORDS = { clear: "Clear", queued: "Queued", beyond_view: "Queue beyond view", unknown: "Unknown" };
 const SHAPES = {
@@ -9,12 +9,13 @@ const SHAPES = {
   unknown: '<rect x="5" y="5" width="38" height="38" rx="4" class="d"/><path class="m" d="M17 18c0-10 15-9 14 0-1 5-7 5-7 11m0 6v1"/>',
 };
 const STEADY_MPS = 0.05;
+const tens = (value) => Math.max(Math.round(value / 10), 1) * 10;
 
 function growth(mps) {
   if (mps === null) return ["Growth", NONE];
   if (Math.abs(mps) < STEADY_MPS) return ["Growth", "steady"];
-  const per_min = Math.abs(mps) * 60;
-  const amount = units() === "us" ? fixed(per_min / M_PER_FT, 0, "ft/min") : fixed(per_min, 0, "m/min");
+  const per_min = Math.abs(mps) * 60; // in round tens: arrivals make the last digits flicker
+  const amount = units() === "us" ? fixed(tens(per_min / M_PER_FT), 0, "ft/min") : fixed(tens(per_min), 0, "m/min");
   return [mps > 0 ? "Growing by" : "Shrinking by", amount];
 }
 
@@ -86,7 +87,6 @@ export class Status {
     const bound = approach.status === "beyond_view" ? "at least " : "";
     const rows = [];
     if (eoq) {
-      const sigma = units() === "us" ? fixed(eoq.sigma_m / M_PER_FT, 1, "ft") : fixed(eoq.sigma_m, 1, "m");
       for (const sign of approach.signs) {
         const inside = sign.distance_m < 0;
         rows.push([`${sign.name} ${inside ? "is in the queue by" : "to the queue"}`, distance(Math.abs(sign.distance_m)), "big"]);
@@ -97,10 +97,10 @@ export class Status {
       rows.push(["Queue length", bound + distance(eoq.length_m), "big"]);
       rows.push([...growth(eoq.growth_mps), "big"]);
       rows.push(["Vehicles queued", `${eoq.vehicles}`]);
-      rows.push(["Station", `${fixed(eoq.station_m, 1, "m")} ± ${sigma}`]);
+      rows.push(["Station", plusMinus(eoq.station_m, eoq.sigma_m)]);
       if (eoq.lat_deg !== null) rows.push(["GPS", `${eoq.lat_deg.toFixed(6)}, ${eoq.lon_deg.toFixed(6)}`.replaceAll("-", "−"), "gps"]);
     } else {
-      for (const sign of approach.signs) rows.push([`Sign ${sign.name}`, `at station ${fixed(sign.station_m, 0, "m")}`]);
+      for (const sign of approach.signs) rows.push([`Sign ${sign.name}`, `at station ${distance(sign.station_m)}`]);
     }
     if (this.state?.live) rows.push(["Age of this answer", "", "age"]);
     return element("table", {}, ...rows.map(([name, value, kind]) =>

@@ -1,5 +1,5 @@
 // The Watch screen: asks for the newest picture as soon as it has drawn the one before.
-import { appeared } from "./format.js";
+import { appeared, units as readersUnits } from "./format.js";
 import { Charts } from "./charts.js";
 import { MapView } from "./map.js";
 import { Overlay } from "./overlay.js";
@@ -10,7 +10,6 @@ const LATE_S = 2.0, RETRY_MS = 500;
 const LEAST_MS = 80; // between two pictures: twelve a second look smooth, and a phone stays cool
 
 const about = JSON.parse((await appeared("qt-watch")).dataset.about);
-if (!localStorage.getItem("qt-units")) localStorage.setItem("qt-units", about.units);
 const status = new Status(document.getElementById("qt-status"), document.getElementById("qt-said"));
 const overlay = new Overlay(document.getElementById("qt-overlay"));
 const image = document.getElementById("qt-image");
@@ -21,7 +20,7 @@ const now_s = () => performance.now() / 1000;
 let socket = null, fresh_s = now_s(), asked = false, sent_ms = 0, newest = null;
 
 const units = document.getElementById("qt-units");
-units.value = localStorage.getItem("qt-units");
+units.value = readersUnits();
 units.addEventListener("change", () => {
   localStorage.setItem("qt-units", units.value);
   document.dispatchEvent(new CustomEvent("qt-units"));
