@@ -37,6 +37,7 @@ def scene(flagger: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path
 def page(browser: Any) -> Iterator[Any]:
     """A page of a laptop; an error in it fails the test."""
     context = browser.new_context(viewport={"width": 1366, "height": 768})
+    context.add_init_script("localStorage.setItem('qt-units', 'metric')")
     made, errors = context.new_page(), []
     made.on("pageerror", lambda error: errors.append(str(error)))
     made.on("dialog", lambda dialog: dialog.accept())

@@ -175,3 +175,22 @@ def test_a_finished_run_opens_with_tokens_for_others(live: Live, browser: Any) -
                 last_s,
             )
             page.wait_for_function(f"+document.getElementById('qt-watch').dataset.t >= {last_s}")
+            opens_a_moment_from_history(page, served.address)
+
+
+def opens_a_moment_from_history(page: Any, address: str) -> None:
+    """History shows the run's own day on a phone, reads its chart and opens a moment of it."""
+    page.set_viewport_size({"width": 390, "height": 800})
+    page.goto(f"{address}history")
+    page.wait_for_selector("#qt-events tr:has-text('queued')", timeout=LIMIT_MS)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    for link in page.locator("nav a").all():  # every screen can be reached, none is cut off
+        box = link.bounding_box()
+        assert 0 <= box["x"] <= box["x"] + box["width"] <= 390
+    results = Axe().run(page)
+    assert results.violations_count == 0, results.generate_report()
+    page.hover("#qt-day")
+    page.wait_for_function("document.getElementById('qt-dayread').textContent.includes('SB')")
+    page.click("#qt-events a")
+    page.wait_for_url("**/?t=*")
+    page.wait_for_function("+document.getElementById('qt-watch')?.dataset.t > 0")

@@ -49,8 +49,8 @@ class RunPictures:
         site: Site,
     ) -> None:
         """Open `video`, else the run's annotated one if it is there; raises InputError."""
-        self.is_drawn = video is None
         path = video or (folder / ANNOTATED if (folder / ANNOTATED).is_file() else None)
+        self.is_drawn = video is None and path is not None
         told = record.get("video") or {}
         self.name = str(path.name if path is not None else told.get("name") or folder.name)
         self.size: tuple[int, int] | None = None

@@ -197,7 +197,9 @@ def add(app: FastAPI, source: ConsoleSource) -> None:
 
         held = await asyncio.to_thread(made)
         if held is None:
-            raise HTTPException(404, "there is no picture now")
+            is_live = source.about.is_live
+            mend = "there is no picture now" if is_live else "open the run with --video to see it"
+            raise HTTPException(404, mend)
         return still_of(held)
 
     @app.get(

@@ -24,7 +24,7 @@ export class Board {
       button.addEventListener("click", () => this.enlarge(zoom));
       this.zooms.append(button);
     }
-    this.empty = element("p", { class: "qt-nopicture" }, "No picture yet");
+    this.empty = element("p", { class: "qt-nopicture" }, "No picture");
     this.window.append(this.empty);
     place.replaceChildren(this.window, this.zooms);
     this.drawing.addEventListener("click", (event) => this.click(event));

@@ -1,6 +1,6 @@
 // The Accuracy check screen: points with their true places, the errors, and what mends them.
 import { Board, get, lanesOf, place, save } from "./board.js";
-import { appeared, element, fixed } from "./format.js";
+import { appeared, distance, element, fixed, speed } from "./format.js";
 import { MapView } from "./map.js";
 
 const about = JSON.parse((await appeared("qt-check")).dataset.about);
@@ -36,7 +36,7 @@ async function hold(kept = "") {
     const { tracks } = await get(`/api/v1/tracks${player ? `?t_s=${player.t_s}` : ""}`);
     const chosen = by("qt-vehicle").value;
     by("qt-vehicle").replaceChildren(...tracks.filter((t) => t.speed_mps !== null).map((t) =>
-      element("option", { value: t.track_id }, `${t.track_id}: ${fixed(t.speed_mps / 0.44704, 0, "mph")} now`)));
+      element("option", { value: t.track_id }, `${t.track_id}: ${speed(t.speed_mps)} now`)));
     if (chosen) by("qt-vehicle").value = chosen;
     tracksNow = tracks;
   } catch (error) {
@@ -53,7 +53,7 @@ function draw() {
     ...(pending && pending.number === board.still?.number ? [{ point: pending.px, kind: "pending", text: "?" }] : [])]);
 }
 
-const metres = (value) => fixed(value, 2, "m");
+const far = (value) => distance(value, 2);
 
 function table() {
   by("qt-points").replaceChildren(...points.map((p, i) => {
@@ -62,16 +62,16 @@ function table() {
     remove.addEventListener("click", () => { points.splice(i, 1); measure(); });
     const cells = [`${i + 1}`, `${p.t_s.toFixed(1)}`, p.at.map((v) => v.toFixed(7)).join(", "),
       e?.measured_lat_deg === null ? "at or above the horizon" : e ? `${e.measured_lat_deg.toFixed(7)}, ${e.measured_lon_deg.toFixed(7)}` : "",
-      metres(e?.error_m), signed(e?.beyond_m), signed(e?.right_m)];
+      far(e?.error_m), signed(e?.beyond_m), signed(e?.right_m)];
     return element("tr", {}, ...cells.map((c) => element("td", {}, c)), element("td", {}, remove));
   }));
   by("qt-nopoints").hidden = points.length > 0;
-  by("qt-mean").textContent = metres(errors?.mean_m);
-  by("qt-worst").textContent = metres(errors?.worst_m);
+  by("qt-mean").textContent = far(errors?.mean_m);
+  by("qt-worst").textContent = far(errors?.worst_m);
   by("qt-improve").disabled = !points.length || !board.still?.has_pose;
   by("qt-csv").disabled = !points.length;
 }
-const signed = (value) => (value > 0 ? "+" : "") + metres(value);
+const signed = (value) => (value > 0 ? "+" : "") + far(value);
 
 async function measure() {
   by("qt-found").replaceChildren();
@@ -128,13 +128,13 @@ by("qt-improve").addEventListener("click", async () => {
 });
 
 function show(found) {
-  const rows = [["Heading", found.heading_deg, "°"], ["Pitch", found.pitch_deg, "°"], ["Height", found.height_m, " m"]].map(([name, o, unit]) =>
+  const rows = [["Heading", found.heading_deg, "°"], ["Pitch", found.pitch_deg, "°"], ["Height", found.height_m, ""]].map(([name, o, unit]) =>
     element("tr", {}, element("th", { scope: "row" }, name), element("td", {}, o.is_determined
-      ? `${o.value > 0 ? "+" : ""}${fixed(o.value, 2)}${unit} ± ${fixed(o.sigma, 2)}${unit}` : "not determined by these points")));
+      ? (unit ? `${o.value > 0 ? "+" : ""}${fixed(o.value, 2)}${unit} ± ${fixed(o.sigma, 2)}${unit}` : `${signed(o.value)} ± ${far(o.sigma)}`) : "not determined by these points")));
   const head = element("tr", {}, ...["By telemetry alone", "before", "after"].map((t) => element("th", { scope: "col" }, t)));
   const compare = [["mean error", "mean_m"], ["worst error", "worst_m"]].map(([name, key]) =>
-    element("tr", {}, element("th", { scope: "row" }, name), element("td", {}, metres(found.before[key])), element("td", {}, metres(found.after[key]))));
-  if (found.held_out_m !== null) compare.push(element("tr", {}, element("th", { scope: "row" }, "each by the others' offsets"), element("td", {}, ""), element("td", {}, metres(found.held_out_m))));
+    element("tr", {}, element("th", { scope: "row" }, name), element("td", {}, far(found.before[key])), element("td", {}, far(found.after[key]))));
+  if (found.held_out_m !== null) compare.push(element("tr", {}, element("th", { scope: "row" }, "each by the others' offsets"), element("td", {}, ""), element("td", {}, far(found.held_out_m))));
   const notes = found.misfits.map((i) => `Point ${i + 1} does not fit the others: look whether its place is right.`);
   if ([found.heading_deg, found.pitch_deg, found.height_m].some((o) => !o.is_determined)) notes.push("Add points near and far, left and right, to determine the rest.");
   if (!found.helps) notes.push("These offsets do not make the points better: there is nothing to apply.");

@@ -58,8 +58,9 @@ export class MapView {
     layers.forEach((layer) => layer.addTo(this.layer));
     if (!this.fitted) {
       this.fitted = true;
+      // Without a picture in view the whole road is shown: the end of the queue alone is but a point.
       const near = features.filter((f) => ["view", "drone", "eoq"].includes(f.properties.kind));
-      const bounds = L.geoJSON(near.length ? near : features).getBounds();
+      const bounds = L.geoJSON(near.some((f) => f.properties.kind === "view") ? near : features).getBounds();
       this.map.fitBounds(bounds, { animate: false, padding: [8, 8] });
     }
   }

@@ -39,7 +39,7 @@ async function checks() {
     by("qt-checks").replaceChildren(
       good(still && (!live || health.frame_age_s < 2), still
         ? `Video ${health.video}: ${still.width}×${still.height}${live ? `, ${fixed(health.frame_rate_hz, 0)} answers a second, newest ${duration(health.frame_age_s)} old` : ""}`
-        : `No picture from ${health.video} yet`),
+        : live ? `No picture from ${health.video} yet` : "No picture: open the run with --video"),
       good(still?.is_placed, still?.is_placed ? `The picture's place is known${still.has_pose ? " by telemetry" : " by control points"}`
         : `The picture's place is not known${still ? `: ${still.reasons.join("; ")}` : ""}`),
       ...health.warnings.map((w) => good(false, w)));

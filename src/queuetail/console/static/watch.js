@@ -51,7 +51,7 @@ async function take(buffer) {
     missing.hidden = true;
     frame.classList.remove("qt-old");
   } else {
-    gone("No picture now");
+    gone(about.live ? "No picture now" : "Open the run with --video to see its pictures");
   }
   if (state.number !== newest?.number) fresh_s = now_s();
   newest = state;
