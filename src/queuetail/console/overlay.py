@@ -152,8 +152,8 @@ def _end(
     return {
         "approach": state.approach,
         "beyond": state.status is QueueStatus.BEYOND_VIEW,
-        "station_m": round(eoq.station_m, 1),
-        "sigma_m": round(eoq.sigma_m, 1),
+        "station_m": round(eoq.station_m, 2),
+        "sigma_m": round(eoq.sigma_m, 2),
         "bar": bars[0],
         "sigma": [b for b in bars[1:] if b is not None],
     }
