@@ -8,11 +8,15 @@ import subprocess
 import sys
 from fractions import Fraction
 from pathlib import Path
+from time import monotonic, sleep
 from types import TracebackType
+from typing import Any
 
 import av
 from av.video.stream import VideoStream
+from playwright.sync_api import Error
 
+PATIENCE_S = 20.0
 FROM_S, UNTIL_S = 23.0, 37.0  # a queue forms three seconds later
 SIZE = (640, 360)
 
@@ -50,6 +54,18 @@ class Served:
             self.process.communicate(timeout=20)
         finally:
             self.process.kill()
+
+
+def visit(page: Any, address: str) -> Any:
+    """Open a page and return the reply; a closed network may refuse a new browser for a moment."""
+    end_s = monotonic() + PATIENCE_S
+    while True:
+        try:
+            return page.goto(address)
+        except Error as error:
+            if "ERR_CONNECTION_REFUSED" not in error.message or monotonic() > end_s:
+                raise
+            sleep(0.2)
 
 
 def write_scene(flagger: Path, folder: Path) -> tuple[Path, Path]:

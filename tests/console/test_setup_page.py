@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from served import FROM_S, SIZE, Served, write_scene
+from served import FROM_S, SIZE, Served, visit, write_scene
 
 from queuetail.config import Site, read_site
 from queuetail.flight import open_flight
@@ -112,7 +112,7 @@ def test_set_up_from_nothing_to_a_right_end_of_queue(
     seen = px[(px[:, 0] > 4) & (px[:, 0] < SIZE[0] - 4)]  # in the direction of travel
     true_ends = ends(flagger)
     with serve(scene) as served:
-        page.goto(f"{served.address}setup")
+        visit(page, f"{served.address}setup")
         page.wait_for_selector(".qt-sheet img[src]")
         page.wait_for_selector("#qt-checks .qt-good >> nth=1")
         assert "gimbal pitch" in page.inner_text("#qt-quantities")
@@ -162,7 +162,7 @@ def test_set_up_from_nothing_to_a_right_end_of_queue(
 
 def test_sliders_show_their_mask_and_change_the_run(scene: tuple[Path, Path], page: Any) -> None:
     with serve(scene, "--preset", "paper") as served:
-        page.goto(f"{served.address}setup")
+        visit(page, f"{served.address}setup")
         page.wait_for_function("document.getElementById('qt-mask')?.naturalWidth > 0")
         for slider, value in (("qt-blur", 9), ("qt-dilate", 7), ("qt-blob", 100), ("qt-slow", 15)):
             page.locator(f"#{slider}").fill(str(value))
@@ -231,7 +231,7 @@ def test_the_check_measures_as_by_hand_and_mends_telemetry(
     truth = truth_at(scene)
     spread = [(0.1, 0.2), (0.9, 0.25), (0.85, 0.9), (0.1, 0.85)]
     with serve((scene[0], biased(scene[1], tmp_path / "biased.csv"))) as served:
-        page.goto(f"{served.address}check")
+        visit(page, f"{served.address}check")
         add_points(page, truth, spread)
         rows = page.locator("#qt-points tr").all_inner_texts()
         errors = []

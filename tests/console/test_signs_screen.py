@@ -14,7 +14,7 @@ from answers_double import answer, live_source
 from axe_playwright_python.sync_playwright import Axe
 from fastapi.testclient import TestClient
 from PIL import Image
-from served import Served
+from served import Served, visit
 
 from queuetail.cli import main
 from queuetail.config import Site, parse_settings
@@ -122,13 +122,13 @@ def test_the_screen_arms_after_a_question_and_disarms_at_once(
     out = tmp_path / "out"
     with Served(*words, "--out", str(out), "--host", "0.0.0.0") as served:
         viewer = browser.new_context().new_page()
-        viewer.goto(f"{served.address}signs?token={served.tokens['viewer']}")
+        visit(viewer, f"{served.address}signs?token={served.tokens['viewer']}")
         viewer.wait_for_selector("[data-state=clear]", timeout=LIMIT_MS)
         assert viewer.locator("button#qt-arm, button#qt-disarm, dialog").count() == 0
         page = browser.new_context(viewport={"width": 390, "height": 800}).new_page()
         errors: list[str] = []
         page.on("pageerror", lambda error: errors.append(str(error)))
-        page.goto(f"{served.address}signs?token={served.tokens['operator']}")
+        visit(page, f"{served.address}signs?token={served.tokens['operator']}")
         assert page.text_content("[data-sign] h2", timeout=LIMIT_MS) == "PCMS <b>1</b>"
         assert "Not armed" in page.text_content("#qt-armed")
         page.click("#qt-arm", timeout=LIMIT_MS)

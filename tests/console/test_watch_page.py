@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from served import Served, write_scene
+from served import Served, visit, write_scene
 
 from broadcast import Sender, free_port
 
@@ -37,7 +37,7 @@ class Live:
         self.errors: list[str] = []
         page.on("request", lambda request: self.hosts.add(request.url.split("/")[2]))
         page.on("pageerror", lambda error: self.errors.append(str(error)))
-        page.goto(served.address)
+        visit(page, served.address)
 
     def wait(self, status: str) -> None:
         """Wait until the page shows a status."""
@@ -120,7 +120,7 @@ def test_contrast_labels_and_width(live: Live, path: str, width: int, scheme: An
         viewport={"width": width, "height": 800}, color_scheme=scheme
     )
     try:
-        page.goto(live.served.address + path)
+        visit(page, live.served.address + path)
         page.wait_for_selector({"": "[data-status]", "docs": ".qt-call"}.get(path, ".qt-card td"))
         results = Axe().run(page)
         assert results.violations_count == 0, results.generate_report()
@@ -163,8 +163,8 @@ def test_a_finished_run_opens_with_tokens_for_others(live: Live, browser: Any) -
         assert set(served.tokens) == {"operator", "viewer"}
         with browser.new_context() as context:
             page = context.new_page()
-            assert page.goto(served.address).status == 401
-            page.goto(f"{served.address}?token={served.tokens['viewer']}")
+            assert visit(page, served.address).status == 401
+            visit(page, f"{served.address}?token={served.tokens['viewer']}")
             page.wait_for_selector("#qt-time", timeout=LIMIT_MS)
             assert "token" not in page.url
             assert page.text_content(".qt-role") == "viewer"
@@ -181,7 +181,7 @@ def test_a_finished_run_opens_with_tokens_for_others(live: Live, browser: Any) -
 def opens_a_moment_from_history(page: Any, address: str) -> None:
     """History shows the run's own day on a phone, reads its chart and opens a moment of it."""
     page.set_viewport_size({"width": 390, "height": 800})
-    page.goto(f"{address}history")
+    visit(page, f"{address}history")
     page.wait_for_selector("#qt-events tr:has-text('queued')", timeout=LIMIT_MS)
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     for link in page.locator("nav a").all():  # every screen can be reached, none is cut off
