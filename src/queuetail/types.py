@@ -180,6 +180,7 @@ class RoadRaster:
     plan: int  # counts the layouts: while it stays, every pixel stays on its place of the road
     approaches: tuple[Approach, ...] = ()
     spans: dict[int, tuple[float, float]] = field(default_factory=dict)  # visible stations, metres
+    t_s: float = 0.0  # of the frame that it shows
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,9 +207,21 @@ class LaneDetections:
     contrast: Floats  # (n,) mean difference from road, as a share of its brightness
     body: Floats  # (n,) share of its columns that show more than cast shadow
     shadow: Bools  # (n,) it is only the shadow of what is beside it
+    speed_mps: tuple[Floats, ...] = ()  # of each band (lanes, columns): the picture's, NaN unknown
+    hidden: tuple[Bools, ...] = ()  # of each band (lanes, columns): behind a tall vehicle
 
     def __len__(self) -> int:
         return len(self.band)
+
+
+@dataclass(frozen=True, slots=True)
+class LaneSight:
+    """What one lane shows at stations `start_m + i * step_m`, beside its intervals."""
+
+    start_m: float
+    step_m: float
+    speed_mps: Floats  # (n,) how fast the picture moves along the lane, NaN where nothing tells
+    hidden: Bools  # (n,) a tall vehicle stands before it
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,6 +240,7 @@ class RoadPoints:
     shadow: Bools  # (n,) it is only the shadow of what is beside it
     spans: dict[int, tuple[float, float]]
     boxes_px: Floats  # (n, 4) in input-video pixels
+    sights: dict[tuple[int, int], LaneSight] = field(default_factory=dict)  # (approach, lane)
 
     def __len__(self) -> int:
         return len(self.approach)

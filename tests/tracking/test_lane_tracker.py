@@ -17,6 +17,7 @@ from queuetail.types import (
     Approach,
     Band,
     CameraPose,
+    LaneSight,
     Origin,
     RoadPoints,
     RoadRaster,
@@ -39,7 +40,29 @@ CONTRAST, BODY = 0.5, 1.0
 Seen = tuple[float, ...]
 
 
-def points(seen: Sequence[Seen], view: tuple[float, float] = VIEW) -> RoadPoints:
+STEP_M = 0.2  # of the columns in which a lane's own motion is told
+# Lane, first and last station of a stretch: how fast it moves there, and what is hidden there.
+Flow = tuple[int, float, float, float]
+Hidden = tuple[int, float, float]
+
+
+def sights(flows: Sequence[Flow], hidden: Sequence[Hidden]) -> dict[tuple[int, int], LaneSight]:
+    """Return what each lane shows beside its intervals: nothing where nothing is said."""
+    columns = round(VIEW[1] / STEP_M)
+    speeds, hides = np.full((2, columns), np.nan), np.zeros((2, columns), np.bool_)
+    for lane, first, last, speed in flows:
+        speeds[lane - 1, max(round(first / STEP_M), 0) : round(last / STEP_M)] = speed
+    for lane, first, last in hidden:
+        hides[lane - 1, max(round(first / STEP_M), 0) : round(last / STEP_M)] = True
+    return {(0, lane): LaneSight(0.0, STEP_M, speeds[lane - 1], hides[lane - 1]) for lane in (1, 2)}
+
+
+def points(
+    seen: Sequence[Seen],
+    view: tuple[float, float] = VIEW,
+    flows: Sequence[Flow] = (),
+    hidden: Sequence[Hidden] = (),
+) -> RoadPoints:
     """Return intervals as the view gives them: cut where they reach its ends."""
     seen = [s for s in seen if s[2] > view[0] + 0.5 and s[1] < view[1] - 0.5]
     n = len(seen)
@@ -58,6 +81,7 @@ def points(seen: Sequence[Seen], view: tuple[float, float] = VIEW) -> RoadPoints
         shadow=np.zeros(n, np.bool_),
         spans={0: view},
         boxes_px=np.zeros((n, 4)),
+        sights=sights(flows, hidden),
     )
 
 
@@ -69,10 +93,16 @@ class Road:
         self.t_s = 0.0
 
     def see(
-        self, *seen: Seen, dt_s: float = 0.1, approaches: tuple[Approach, ...] = ROAD
+        self,
+        *seen: Seen,
+        dt_s: float = 0.1,
+        approaches: tuple[Approach, ...] = ROAD,
+        flows: Sequence[Flow] = (),
+        hidden: Sequence[Hidden] = (),
     ) -> Tracks:
         raster = RoadRaster(np.zeros((1, 1), np.uint8), 5.0, (BAND,), 1, approaches, {0: VIEW})
-        tracks = self.tracker.update(points(seen), Scene(self.t_s, raster, MAPPING))
+        told = points(seen, flows=flows, hidden=hidden)
+        tracks = self.tracker.update(told, Scene(self.t_s, raster, MAPPING))
         self.t_s += dt_s
         return tracks
 
@@ -223,9 +253,56 @@ def test_a_car_hidden_by_a_truck_beside_it_is_kept() -> None:
         truck = -70.0 + 2.0 * step if step < 63 else 56.0
         hidden = truck < car and car + 4.6 < truck + 16.0
         seen = [(2, truck, truck + 16.0)] + ([] if hidden else [(1, car, car + 4.6)])
-        tracks = road.see(*seen)
+        tracks = road.see(*seen, hidden=[(1, truck, truck + 16.0)])
     assert len(tracks) == 2
     assert sorted(tracks.length_m.tolist()) == pytest.approx([4.6, 16.0], abs=0.8)
+
+
+def test_what_is_hidden_stands_still_and_does_not_creep() -> None:
+    road, rng = Road(), np.random.default_rng(3)
+    for _ in range(30):
+        at = 60.0 + rng.normal(0, 0.2)
+        road.see((1, at, at + 4.6))
+    for _ in range(300):
+        tracks = road.see(hidden=[(1, 50.0, 75.0)])
+    assert rear(tracks) == pytest.approx(60.0, abs=0.5)
+    assert tracks.velocity_mps[0, 0] == pytest.approx(0.0, abs=0.05)
+
+
+def test_the_lane_s_own_motion_tells_a_newcomer_s_speed_at_once() -> None:
+    road = Road()
+    flows = [(1, 100.0, 104.6, 17.0)]
+    tracks = road.see((1, 100.0, 104.6), flows=flows)
+    assert tracks.velocity_mps[0, 0] == pytest.approx(17.0, abs=0.5)
+
+
+def braked(t_s: float, stop_m: float) -> tuple[float, float]:
+    """Return where a car is at `t_s` and how fast: 10 m/s, braking at 5 m/s² up to its stop."""
+    rest_s = max(stop_m / 10 + 1.0 - t_s, 0.0)
+    return (10 * t_s, 10.0) if rest_s > 2.0 else (stop_m - 2.5 * rest_s**2, 5 * rest_s)
+
+
+def test_within_a_merged_interval_each_vehicle_goes_its_own_way() -> None:
+    """Three cars close up and stop as one interval: only the lane's motion tells the middle."""
+    road = Road()
+    stops = (120.0, 112.0, 104.0)
+    for step in range(220):
+        ways = [braked(step / 10 - 1.2 * (2 - i), stop) for i, stop in enumerate(reversed(stops))]
+        ats = [at for at, _ in ways]
+        merged = step > 105
+        seen = [(1, min(ats), max(ats) + 4.6)] if merged else [(1, at, at + 4.6) for at in ats]
+        tracks = road.see(*seen, flows=[(1, at, at + 4.6, speed) for at, speed in ways])
+    assert len(tracks) == 3
+    rears = sorted(rear(tracks, i) for i in range(3))
+    assert rears == pytest.approx(sorted(stops), abs=1.0)
+
+
+def test_motion_that_cannot_be_the_vehicle_s_is_another_s() -> None:
+    road = Road()
+    for step in range(60):
+        flows = [(1, 0.0, 300.0, -1.5)] if step > 20 else []
+        tracks = road.see((1, 50.0 + step, 54.6 + step), flows=flows)
+    assert tracks.velocity_mps[0, 0] == pytest.approx(10.0, abs=1.0)
 
 
 def test_the_covariance_shrinks_with_every_measurement_and_settles() -> None:

@@ -175,8 +175,9 @@ def drive_by(road: StraightRoad, course_deg: float, counts: tuple[int, int]) -> 
     right = np.array([unit[1], -unit[0]])
     forwards, backwards = counts
     for k in range(40):
-        places = [tuple((k - 20 - 15 * i) * unit + 4 * right) for i in range(forwards)]
-        places += [tuple((20 - k + 15 * i) * unit) for i in range(backwards)]
+        at = 1.03 * k - 20  # a step that no number of steps makes the way which counts as moved
+        places = [tuple((at - 15 * i) * unit + 4 * right) for i in range(forwards)]
+        places += [tuple((15 * i - at) * unit) for i in range(backwards)]
         speeds = [tuple(15 * unit)] * forwards + [tuple(-15 * unit)] * backwards
         road.locate(fleet(places, speeds))
 

@@ -29,7 +29,16 @@ from queuetail.tracking.lane_vehicle import (
     without_doubles,
 )
 from queuetail.traffic.road import place
-from queuetail.types import Approach, Floats, RoadPoints, RoadRaster, Scene, Tracks, TrackState
+from queuetail.types import (
+    Approach,
+    Floats,
+    LaneSight,
+    RoadPoints,
+    RoadRaster,
+    Scene,
+    Tracks,
+    TrackState,
+)
 
 TYPICAL_LENGTH_M = 4.7
 LONGEST_M = 19.0
@@ -39,9 +48,12 @@ COLD_START_S = 2.0
 ENTRY_M = 20.0  # from the upstream end of what is seen, where vehicles may first show up
 APPARITION_S = 6.0
 COAST_S, TENTATIVE_COAST_S = 1.2, 0.25  # without a trace in the picture
-TALL_LENGTH_M, TALL_HEIGHT_M, HIDING_LEAN_M = 6.5, 4.0, 0.8
-HIDDEN_S, HIDDEN_DRIVING_S = 20.0, 3.0  # behind a tall vehicle, or under a bridge
+HIDDEN_SHARE = 0.5  # of a vehicle's length, for it to be hidden
+HIDDEN_S, HIDDEN_DRIVING_S = 60.0, 3.0  # behind a tall vehicle that stands, or that drives
 DRIVING_MPS = 4.0
+FLOW_SIGMA_MPS, FLOW_GATE_MPS, FLOW_GATE_SIGMAS = 0.4, 2.0, 3.0
+FLOW_FIRST_SIGMA_MPS = 1.5
+FLOW_SHARE = 0.25  # of a vehicle's length whose motion is known
 CONTRAST_RATE = 0.2
 STAIN_CONTRAST, MIN_STANDING_M = 0.17, 2.8
 SHADE_HIDDEN_S = 3.0
@@ -76,6 +88,7 @@ class LaneTracker:
         self._first_s = scene.t_s if self._first_s is None else self._first_s
         for vehicle in self._vehicles:
             vehicle.predict(dt_s)
+            follow_flow(vehicle, points.sights.get((vehicle.approach, vehicle.lane)))
         lanes = sorted({(v.approach, v.lane) for v in self._vehicles})
         measured = _by_lane(points)
         left: list[Interval] = []
@@ -84,9 +97,9 @@ class LaneTracker:
         left = self._changed_lanes([i for i in left if not i.shadow], scene.t_s)
         for interval in left:
             begin_m = points.spans.get(interval.approach, (-np.inf, np.inf))[0]
-            self._start(interval, begin_m, scene.t_s)
+            self._start(interval, begin_m, points.sights, scene.t_s)
         self._unmask()
-        self._retire(points, _hidden_lanes(scene.raster), scene.t_s)
+        self._retire(points, scene.t_s)
         return self._tracks(scene)
 
     def _update_lane(
@@ -112,6 +125,9 @@ class LaneTracker:
                 vehicle.body += CONTRAST_RATE * (interval.body - vehicle.body)
                 vehicle.hits += 1
                 vehicle.seen_s = t_s
+        for vehicle in vehicles:
+            if vehicle.seen_s < t_s and vehicle.speed_mps < STANDING_MPS:
+                vehicle.speed_mps = 0.0  # noise would carry it away while it is not seen
         for behind, ahead in pairwise(vehicles):
             if behind.confirmed and ahead.confirmed and behind.seen_s < t_s:
                 keep_behind(behind, ahead)
@@ -145,7 +161,13 @@ class LaneTracker:
         assert self._first_s is not None
         return t_s - self._first_s > COLD_START_S and interval.rear_m > begin_m + ENTRY_M
 
-    def _start(self, interval: Interval, begin_m: float, t_s: float) -> None:
+    def _start(
+        self,
+        interval: Interval,
+        begin_m: float,
+        sights: dict[tuple[int, int], LaneSight],
+        t_s: float,
+    ) -> None:
         length = interval.front_m - interval.rear_m
         pieces = max(1, round(length / SLOT_M)) if length > LONGEST_M else 1
         for piece in range(pieces):
@@ -155,7 +177,11 @@ class LaneTracker:
                 # Its rear is still outside: the front is all that is known.
                 own = max(own, TYPICAL_LENGTH_M)
                 rear = interval.front_m - own
+            sight = sights.get((interval.approach, interval.lane))
+            seen_mps = flow_mps(sight, rear, rear + own)
             speed, sigma = self._speed_around(interval, rear)
+            if seen_mps is not None:
+                speed, sigma = max(seen_mps, 0.0), FLOW_FIRST_SIGMA_MPS
             self._vehicles.append(
                 LaneVehicle(
                     self._next_id,
@@ -214,7 +240,7 @@ class LaneTracker:
                 thing.mark, thing.confirmed = True, False
                 self._driven.append(place)
 
-    def _retire(self, points: RoadPoints, hides: dict[int, int], t_s: float) -> None:
+    def _retire(self, points: RoadPoints, t_s: float) -> None:
         """Confirm what was seen often enough and let go of what left or was lost."""
         kept = []
         for v in self._vehicles:
@@ -236,27 +262,12 @@ class LaneTracker:
             limit_s = COAST_S if v.confirmed else TENTATIVE_COAST_S
             if v.only_shade and t_s - v.born_s > SHADE_KNOWN_S:
                 limit_s = SHADE_HIDDEN_S  # a vehicle drives through it, and must not become it
-            hider = self._hider(v, hides.get(v.approach, 0), t_s) if v.confirmed else None
-            if hider is not None:
-                limit_s = HIDDEN_S if hider.speed_mps < DRIVING_MPS else HIDDEN_DRIVING_S
+            sight = points.sights.get((v.approach, v.lane))
+            if v.confirmed and is_hidden(sight, v.rear_m, v.front_m):
+                limit_s = HIDDEN_S if v.speed_mps < DRIVING_MPS else HIDDEN_DRIVING_S
             if not gone and unseen_s <= limit_s:
                 kept.append(v)
         self._vehicles = without_doubles(kept)
-
-    def _hider(self, v: LaneVehicle, step: int, t_s: float) -> LaneVehicle | None:
-        """Return the tall vehicle that a vehicle may be hidden behind, `step` lanes before it."""
-        for t in self._vehicles:
-            if (
-                t is not v
-                and t.approach == v.approach
-                and t.seen_s == t_s
-                and v.lane - t.lane == step != 0
-                and t.length_m > TALL_LENGTH_M
-                and t.rear_m - 2 < v.rear_m
-                and v.front_m < t.front_m + 2
-            ):
-                return t
-        return None
 
     def _tracks(self, scene: Scene) -> Tracks:
         approaches = self._approaches
@@ -288,13 +299,42 @@ class LaneTracker:
         )
 
 
-def _hidden_lanes(raster: RoadRaster) -> dict[int, int]:
-    """Say of each approach which lane a tall vehicle hides: the next (+1, -1) or none (0)."""
-    steps = {}
-    for band in raster.bands:
-        lean_m = float(band.lean_px[:, 1].mean()) * TALL_HEIGHT_M / raster.px_per_m
-        steps[band.approach_index] = round(np.sign(lean_m)) if abs(lean_m) > HIDING_LEAN_M else 0
-    return steps
+def follow_flow(vehicle: LaneVehicle, sight: LaneSight | None) -> None:
+    """Correct a vehicle's speed by how the picture moves where it is, unless that is another's."""
+    speed_mps = flow_mps(sight, vehicle.rear_m, vehicle.front_m)
+    if speed_mps is None:
+        return
+    gate_mps = FLOW_GATE_MPS + FLOW_GATE_SIGMAS * float(np.sqrt(vehicle.var_speed))
+    if abs(speed_mps - vehicle.speed_mps) < gate_mps:
+        vehicle.correct_speed(speed_mps, FLOW_SIGMA_MPS)
+
+
+def flow_mps(sight: LaneSight | None, rear_m: float, front_m: float) -> float | None:
+    """Return how fast the picture moves between two stations; None where too little tells."""
+    if sight is None:
+        return None
+    first, last = _columns(sight, rear_m, front_m)
+    speeds = sight.speed_mps[first:last]
+    known = speeds[np.isfinite(speeds)]
+    if not len(known) or len(known) < FLOW_SHARE * len(speeds):
+        return None
+    return float(np.partition(known, len(known) // 2)[len(known) // 2])
+
+
+def is_hidden(sight: LaneSight | None, rear_m: float, front_m: float) -> bool:
+    """Tell whether a tall vehicle stands before most of a stretch of lane."""
+    if sight is None:
+        return False
+    first, last = _columns(sight, rear_m, front_m)
+    hidden = sight.hidden[first:last]
+    return bool(len(hidden)) and float(hidden.mean()) >= HIDDEN_SHARE
+
+
+def _columns(sight: LaneSight, rear_m: float, front_m: float) -> tuple[int, int]:
+    """Return the first column of a stretch, and the one after its last."""
+    first = int((rear_m - sight.start_m) / sight.step_m)
+    last = int((front_m - sight.start_m) / sight.step_m) + 1
+    return max(first, 0), max(last, 0)
 
 
 def _looks_like_a_vehicle(thing: LaneVehicle, slack: float = 1.0) -> bool:

@@ -73,8 +73,8 @@ class LaneVehicle:
         self.var_station += dt_s * (2 * self.covar + dt_s * self.var_speed) + q * dt_s**2 / 3
         self.covar += dt_s * self.var_speed + q * dt_s / 2
         self.var_speed += q
-        if self.speed_mps < STANDING_MPS:
-            self.speed_mps = max(self.speed_mps, -STANDING_MPS)
+        # Nobody reverses on a carriageway: what seems to is noise, and would add up.
+        self.speed_mps = max(self.speed_mps, 0.0)
 
     def correct(self, rear_m: float, sigma_m: float) -> None:
         innovation = rear_m - self.rear_m
@@ -85,6 +85,17 @@ class LaneVehicle:
         self.var_speed -= speed_gain * self.covar
         self.covar *= 1 - gain
         self.var_station *= 1 - gain
+
+    def correct_speed(self, speed_mps: float, sigma_mps: float) -> None:
+        """Take in a speed that was measured by itself."""
+        innovation = speed_mps - self.speed_mps
+        total = self.var_speed + sigma_mps**2
+        gain, station_gain = self.var_speed / total, self.covar / total
+        self.speed_mps += gain * innovation
+        self.rear_m += station_gain * innovation
+        self.var_station -= station_gain * self.covar
+        self.covar *= 1 - gain
+        self.var_speed *= 1 - gain
 
     def gate_m(self) -> float:
         return GATE_M + GATE_SIGMAS * float(np.sqrt(self.var_station))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -10,10 +9,12 @@ from statistics import median
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from queuetail.types import Band, Bools, Floats, Image, LaneDetections, Masks, RoadRaster
+from queuetail.vision.flow import LaneFlow
+from queuetail.vision.occlusion import CORE_M, ROOF_M, LaneRows, lane_rows
 
-CORE_M = 1.5  # the middle of a lane, which every vehicle in it covers
 MIN_COVER = 0.38  # of the core, for a column to belong to a vehicle
 CLOSE_M = 0.7  # holes in a vehicle (windscreens the colour of asphalt) up to this length
 UNDER_M, BRIDGE_M, UNBROKEN = 2.2, 2.6, 0.9  # across and along: the line of shade under a sill
@@ -21,10 +22,8 @@ JOIN_M = 0.5  # breaks in an outline
 HOLE_WIDTH_M = 2.2  # across the road: the widest hole that is filled, a vehicle's body
 MIN_LENGTH_M = 2.0
 LEAN_HEIGHT_M = 1.1  # bonnets and boots: what every vehicle stands above its footprint
-TALL_LENGTH_M = 6.5  # longer vehicles may be tall enough to hide the next lane
-TALL_HEIGHT_M, SIDE_SLACK_M = 4.0, 0.8
-MIN_SIDE = 0.5  # of an interval along a tall vehicle, for the rest to be looked at
-SIDE_COVER = 0.7  # of the line between the lanes, where a tall vehicle reaches over it
+TALL_LENGTH_M = 6.5  # longer vehicles throw longer shadows
+MOSTLY_PARTLY = 0.5  # of an interval's columns half hidden: its place across the lane is not told
 BRIGHT_COVER = 0.3  # of the core brighter than road, for a column that is surely not shadow
 BRIGHT_SHARE = 0.3  # of a vehicle's columns, for it to show where its cast shadow ends
 MEMORY = 40  # vehicles over which the cast shadow's length is taken
@@ -51,24 +50,50 @@ class Interval:
     shadow: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class BandMasks:
+    """What one band shows, each (rows, columns)."""
+
+    silhouettes: Image  # what is not road, without holes, cast shadow included
+    standing: Image  # the part of it that stands on the road
+    bright: Image  # brighter than road
+    body: Image  # not road and not cast shadow
+    dark: Image  # not road and not brighter
+    contrast: NDArray[np.float32]
+    shaded: bool  # whether any cast shadow is known
+
+
 class LaneDetector:
     """Finds intervals of foreground along every lane of a road-view raster."""
 
     def __init__(self) -> None:
         self._shadows = CastShadows()
+        self._flow = LaneFlow()
 
     def find(self, masks: Masks, raster: RoadRaster) -> LaneDetections:
-        """Return the vehicles of all lanes, in raster columns and rows."""
+        """Return the vehicles of all lanes, in raster columns and rows, and how the lanes move."""
         found: list[Interval] = []
+        speeds = self._flow.measure(raster)
+        hidden: list[Bools] = []
         for number, band in enumerate(raster.bands):
             part = np.s_[band.rows[0] : band.rows[1], : band.columns]
             filled = fill_outlines(masks.foreign[part], raster.px_per_m)
             standing = footprints(filled, band.lean_px)
-            shade = masks.shade[part]
-            here = Masks(standing, masks.bright[part], shade, masks.contrast[part])
-            body = cv2.bitwise_and(masks.foreign[part], cv2.bitwise_not(shade))
-            dark = cv2.bitwise_and(masks.foreign[part], cv2.bitwise_not(masks.bright[part]))
-            found += self._band(number, band, here, body, dark, raster.px_per_m)
+            body = cv2.bitwise_and(masks.foreign[part], cv2.bitwise_not(masks.shade[part]))
+            seen = BandMasks(
+                silhouettes=filled,
+                standing=standing,
+                bright=masks.bright[part],
+                body=body,
+                dark=cv2.bitwise_and(masks.foreign[part], cv2.bitwise_not(masks.bright[part])),
+                contrast=masks.contrast[part],
+                shaded=bool(masks.shade[part].any()),
+            )
+            rows = lane_rows(cv2.bitwise_and(filled, body), band, raster.px_per_m)
+            found += self._band(number, band, seen, rows, raster.px_per_m)
+            hidden.append(np.array([r.hidden for r in rows], np.bool_))
+        for speed, hides in zip(speeds, hidden, strict=True):
+            speed[hides] = np.nan
         return LaneDetections(
             band=np.array([i.band for i in found], np.int64),
             lane=np.array([i.lane for i in found], np.int64),
@@ -80,28 +105,17 @@ class LaneDetector:
             contrast=np.array([i.contrast for i in found], float),
             body=np.array([i.body for i in found], float),
             shadow=np.array([i.shadow for i in found], np.bool_),
+            speed_mps=tuple(speeds),
+            hidden=tuple(hidden),
         )
 
     def _band(
-        self, number: int, band: Band, masks: Masks, body: Image, dark: Image, px_per_m: float
+        self, number: int, band: Band, seen: BandMasks, rows: Sequence[LaneRows], px_per_m: float
     ) -> list[Interval]:
-        """Search one band's lanes, the nearest to the camera first."""
-        lanes = range(1, len(band.lane_rows) + 1)
-        away_is_left = float(band.lean_px[:, 1].mean()) < 0
+        """Search one band's lanes."""
         found: list[Interval] = []
-        tall: list[Interval] = []
-        for lane in reversed(lanes) if away_is_left else lanes:
-            line = band.lane_rows[lane - 1] + band.lane_width_px / 2 * (1 if away_is_left else -1)
-            kept = self._lane(number, band, lane, masks, body, dark, px_per_m)
-            for t in tall:
-                leaning = _side_columns(t, band, px_per_m)
-                kept = [
-                    piece
-                    for i in kept
-                    for piece in _beside(t, leaning, i, masks.foreign, line, px_per_m)
-                ]
-            found += kept
-            tall = [i for i in kept if i.front - i.rear >= TALL_LENGTH_M * px_per_m]
+        for lane, visible in enumerate(rows, 1):
+            found += self._lane(number, band, lane, seen, visible, px_per_m)
         mark_shadows(found, SHADOW_REACH_M * px_per_m)
         return found
 
@@ -110,19 +124,14 @@ class LaneDetector:
         number: int,
         band: Band,
         lane: int,
-        masks: Masks,
-        body: Image,
-        dark: Image,
+        seen: BandMasks,
+        visible: LaneRows,
         px_per_m: float,
     ) -> list[Interval]:
-        standing = masks.foreign
         middle = band.lane_rows[lane - 1]
-        half = max(CORE_M / 2 * px_per_m, 1.0)
-        core = np.s_[max(round(middle - half), 0) : round(middle + half) + 1]
-        cover = cv2.reduce(standing[core], 0, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[0] / 255
-        shine = cv2.reduce(masks.bright[core], 0, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[0] / 255
-        solid = cv2.reduce(body[core], 0, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[0] / 255
-        shaded = bool(masks.shade.any())
+        cover = visible.cover(seen.standing, seen.silhouettes) / 255
+        shine = visible.cover(seen.bright) / 255
+        solid = visible.cover(seen.body) / 255
         begin, end = band.visible_columns
         on = (cover >= MIN_COVER).astype(np.uint8)[None]
         on[:, :begin] = 0
@@ -130,27 +139,44 @@ class LaneDetector:
         width = 2 * (max(round(CLOSE_M * px_per_m), 1) // 2) + 1
         on = cv2.morphologyEx(on, cv2.MORPH_CLOSE, np.ones((1, width), np.uint8))[0]
         half = UNDER_M / 2 * px_per_m
-        sill = dark[max(round(middle - half), 0) : round(middle + half) + 1]
+        sill = seen.dark[max(round(middle - half), 0) : round(middle + half) + 1]
         under: Bools = np.any(sill, axis=0)
         on = bridged(on, under, BRIDGE_M * px_per_m)
         edges = np.flatnonzero(np.diff(np.concatenate([[0], on, [0]])))
         found: list[Interval] = []
         for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-            cut = first <= begin + 1, last >= end - 1
+            cut = (
+                first <= begin + 1 or bool(visible.hidden[first - 1]),
+                last >= end - 1 or bool(visible.hidden[last]),
+            )
             if last - first < MIN_LENGTH_M * px_per_m and not any(cut):
                 continue
             ends = _crossing(cover, first, -1), _crossing(cover, last, +1)
             shadowed = (
                 dark_ends(solid[first:last], BODY_COVER, BODY_SHARE)
-                if shaded
+                if seen.shaded
                 else dark_ends(shine[first:last], BRIGHT_COVER, BRIGHT_SHARE)
             )
             ends = self._shadows.without(ends, shadowed, cut, px_per_m)
             share = float((solid[first:last] >= BODY_COVER).mean())
-            shown = cv2.bitwise_and(standing, body) if share >= BODY_SHARE else standing
-            row = _middle_row(shown, band, middle, first, last)
-            contrast = float(masks.contrast[core, first:last].mean())
-            found.append(Interval(number, lane, *ends, row, cut, contrast, share))
+            row = middle
+            if visible.partly[first:last].mean() >= MOSTLY_PARTLY:
+                # What shows is the roof, which appears farther along the road by its lean.
+                block = min(int(first / band.columns * len(band.lean_px)), len(band.lean_px) - 1)
+                lean = float(band.lean_px[block][0]) * (ROOF_M - LEAN_HEIGHT_M / 2)
+                ends = ends[0] - lean, ends[1] - lean
+            else:
+                body = share >= BODY_SHARE
+                shown = cv2.bitwise_and(seen.standing, seen.body) if body else seen.standing
+                row = _middle_row(shown, band, middle, first, last)
+            core = seen.contrast[
+                max(round(middle - CORE_M / 2 * px_per_m), 0) : round(
+                    middle + CORE_M / 2 * px_per_m
+                )
+                + 1,
+                first:last,
+            ]
+            found.append(Interval(number, lane, *ends, row, cut, float(core.mean()), share))
         return found
 
 
@@ -291,43 +317,3 @@ def _middle_row(standing: Image, band: Band, middle: float, first: int, last: in
     if total <= 0:
         return middle
     return top + 0.5 + float(weight @ np.arange(len(weight))) / total
-
-
-def _side_columns(tall: Interval, band: Band, px_per_m: float) -> tuple[float, float]:
-    """Return the columns that a tall vehicle's side may cover in the next lane."""
-    block = int(np.clip(tall.rear / band.columns, 0.0, 0.999) * len(band.lean_px))
-    along = float(band.lean_px[block][0]) * TALL_HEIGHT_M
-    slack = SIDE_SLACK_M * px_per_m
-    return tall.rear + min(along, 0.0) - slack, tall.front + max(along, 0.0) + slack
-
-
-def _beside(
-    tall: Interval,
-    leaning: tuple[float, float],
-    interval: Interval,
-    standing: Image,
-    line_row: float,
-    px_per_m: float,
-) -> list[Interval]:
-    """Return what of an interval is more than the side of a tall vehicle in the nearer lane.
-
-    That may be nothing, or what stands before and behind the side, joined to it in the picture.
-    """
-    first, last = max(interval.rear, tall.rear), min(interval.front, tall.front)
-    if last - first < MIN_SIDE * (interval.front - interval.rear):
-        return [interval]
-    half = max(0.3 * px_per_m, 1.0)
-    between = standing[
-        max(round(line_row - half), 0) : round(line_row + half) + 1, max(int(first), 0) : int(last)
-    ]
-    if not between.size or between.mean() / 255 <= SIDE_COVER:
-        return [interval]
-    pieces = []
-    least = MIN_LENGTH_M * px_per_m
-    if leaning[0] - interval.rear >= least:
-        cut = interval.cut[0], False
-        pieces.append(dataclasses.replace(interval, front=leaning[0], cut=cut))
-    if interval.front - leaning[1] >= least:
-        cut = False, interval.cut[1]
-        pieces.append(dataclasses.replace(interval, rear=leaning[1], cut=cut))
-    return pieces

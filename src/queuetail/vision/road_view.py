@@ -18,6 +18,7 @@ from queuetail.types import (
     Image,
     Ints,
     LaneDetections,
+    LaneSight,
     RoadPoints,
     RoadRaster,
 )
@@ -54,7 +55,7 @@ class RoadView:
         if approaches is not self._approaches or frame.t_s - self._checked_s >= RECHECK_S:
             self._lay_out(frame, mapping, approaches)
         if self._plan is None:
-            return RoadRaster(self._image, 1.0, (), self._serial, approaches)
+            return RoadRaster(self._image, 1.0, (), self._serial, approaches, t_s=frame.t_s)
         for band in self._plan.bands:
             for tile in band.tiles:
                 self._render_tile(frame.luma, mapping, band, tile)
@@ -65,6 +66,7 @@ class RoadView:
             plan=self._serial,
             approaches=approaches,
             spans=self._spans(),
+            t_s=frame.t_s,
         )
 
     def cover(self, footprints: Sequence[tuple[int, int, float, float]]) -> Image:
@@ -103,7 +105,7 @@ class RoadView:
             return RoadPoints(
                 detections.band, detections.lane, empty, empty, empty,
                 detections.cut_rear, detections.cut_front, empty, empty, detections.shadow,
-                raster.spans, np.empty((0, 4)),
+                raster.spans, np.empty((0, 4)), self._sights(detections),
             )  # fmt: skip
         rear = start[band] + detections.rear_column * scale
         front = start[band] + detections.front_column * scale
@@ -121,7 +123,20 @@ class RoadView:
             shadow=detections.shadow,
             spans=raster.spans,
             boxes_px=_boxes_px(raster.approaches, index[band], rear, front, offset, mapping),
+            sights=self._sights(detections),
         )
+
+    def _sights(self, detections: LaneDetections) -> dict[tuple[int, int], LaneSight]:
+        strips = self._plan.bands if self._plan else ()
+        sights = {}
+        for strip, speeds, hidden in zip(
+            strips, detections.speed_mps, detections.hidden, strict=False
+        ):
+            for lane, (speed, hides) in enumerate(zip(speeds, hidden, strict=True), 1):
+                sights[strip.approach_index, lane] = LaneSight(
+                    strip.start_station_m, strip.metres_per_px, speed, hides
+                )
+        return sights
 
     def _spans(self) -> dict[int, tuple[float, float]]:
         assert self._plan is not None

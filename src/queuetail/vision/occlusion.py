@@ -1,0 +1,140 @@
+"""What tall vehicles hide of the lane behind them, seen from the camera.
+
+A truck's silhouette reaches over the next lane by its height times the lean.  What stands there
+shows beyond the silhouette, or not at all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from queuetail.types import Band, Bools, Floats, Image, Ints
+
+CORE_M = 1.5  # the middle of a lane, which every vehicle in it covers
+FAR_SIDE_M, ROOF_M = 0.9, 1.3  # of a car: from its lane's middle to its far side, and its height
+RAGGED_M = 0.35  # how much farther than its usual reach a silhouette may go
+LEAST_VISIBLE_M = 0.45  # across the lane: with less, what stands there is hidden
+START_M = 0.6  # from a lane's middle outwards: inside every vehicle's far side
+TALL_M, TALL_LEAN = 1.3, 2.2  # reach, per metre of lean on top, that no car's silhouette has
+LEAST_LEAN_M = 0.08  # per metre of height: with less a truck hides nothing of the next lane
+LONGER_THAN_CARS_M = 6.0  # a shorter peak along a silhouette is a car that touches it
+TALL_HEIGHT_M, SLACK_M = 4.0, 0.8  # how far along the road a silhouette may lean
+HOLE_M = 0.9  # windows and shade within a silhouette
+
+
+@dataclass(frozen=True, slots=True)
+class LaneRows:
+    """Where one lane is looked at: rows `top` … `bottom` (exclusive) at every column.
+
+    That is the lane's core, or what a car in it shows beyond a tall vehicle.
+    """
+
+    core: tuple[int, int]  # the rows of its middle, first and one after the last
+    top: Ints  # (columns,) rows beyond a tall vehicle, where it hides some of the core
+    bottom: Ints
+    partly: Bools  # (columns,) some of the core is hidden
+    hidden: Bools  # (columns,) too little shows beyond what hides it
+
+    def cover(self, mask: Image, silhouettes: Image | None = None) -> Floats:
+        """Return the mean of a mask (h, w) over the rows of every column, 0 … 255.
+
+        `silhouettes` is looked at instead where the core is partly hidden.
+        """
+        core = mask[int(self.core[0]) : int(self.core[1])]
+        mean = cv2.reduce(core, 0, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[0]
+        at = np.flatnonzero(self.partly)
+        if not len(at):
+            return np.asarray(mean)
+        beyond = (mask if silhouettes is None else silhouettes)[:, at]
+        above = np.zeros((len(mask) + 1, len(at)), np.float32)
+        np.cumsum(beyond, axis=0, dtype=np.float32, out=above[1:])
+        top, bottom, columns = self.top[at], self.bottom[at], np.arange(len(at))
+        total = above[bottom, columns] - above[top, columns]
+        mean[at] = np.where(self.hidden[at], 0.0, total / np.maximum(bottom - top, 1))
+        return np.asarray(mean)
+
+
+def lane_rows(silhouettes: Image, band: Band, px_per_m: float) -> list[LaneRows]:
+    """Return the visible rows of every lane, left-most first.
+
+    `silhouettes` (h, w) is what is seen of vehicles, without cast shadow.
+    """
+    lean_px = float(band.lean_px[:, 1].mean())
+    away = -1 if lean_px < 0 else 1
+    lean_m = abs(lean_px) / px_per_m
+    count = len(band.lane_rows)
+    hole = 2 * (max(round(HOLE_M * px_per_m), 1) // 2) + 1
+    solid = cv2.morphologyEx(silhouettes, cv2.MORPH_CLOSE, np.ones((hole, hole), np.uint8))
+    found: list[LaneRows | None] = [None] * count
+    blocked: Ints | None = None  # the row up to which nearer lanes hide what is farther away
+    for lane in range(count) if away > 0 else reversed(range(count)):
+        middle = band.lane_rows[lane]
+        far = middle + away * (FAR_SIDE_M + ROOF_M * lean_m) * px_per_m
+        found[lane] = _rows(middle, far, blocked, away, px_per_m, solid.shape)
+        if lean_m < LEAST_LEAN_M:
+            continue
+        reach = _reach(solid, band, middle, away, lean_m, px_per_m)
+        if reach is not None:
+            blocked = reach if blocked is None else away * np.maximum(away * reach, away * blocked)
+    return [rows for rows in found if rows is not None]
+
+
+def _rows(
+    middle: float,
+    far_side: float,
+    blocked: Ints | None,
+    away: int,
+    px_per_m: float,
+    shape: tuple[int, ...],
+) -> LaneRows:
+    height, columns = shape
+    half = max(CORE_M / 2 * px_per_m, 1.0)
+    core = max(round(middle - half), 0), min(round(middle + half) + 1, height)
+    if blocked is None:
+        nowhere = np.zeros(columns, np.bool_)
+        none = np.zeros(columns, np.int64)
+        return LaneRows(core, none, none, nowhere, nowhere)
+    partly = away * blocked >= away * (core[0] if away > 0 else core[1] - 1)
+    far = int(np.clip(round(far_side), 0, height - 1))
+    top, bottom = (blocked + 1, far + 1) if away > 0 else (far, blocked)
+    top, bottom = np.broadcast_arrays(np.clip(top, 0, height), np.clip(bottom, 0, height))
+    hidden = partly & (bottom - top < max(LEAST_VISIBLE_M * px_per_m, 1.0))
+    return LaneRows(core, top, np.maximum(bottom, top), partly, hidden)
+
+
+def _reach(
+    solid: Image, band: Band, middle: float, away: int, lean_m: float, px_per_m: float
+) -> Ints | None:
+    """Return up to which row tall vehicles in a lane hide the lanes behind; None without any."""
+    begin = round(middle + away * START_M * px_per_m)
+    size = round(LONGER_THAN_CARS_M * px_per_m)
+    if not 0 <= begin < len(solid) or size >= solid.shape[1]:
+        return None
+    outward = solid[begin:] if away > 0 else solid[begin::-1]
+    run = np.logical_and.accumulate(outward > 0, axis=0).sum(axis=0).astype(np.float32)[None]
+    tall_px = (TALL_M + TALL_LEAN * lean_m - START_M) * px_per_m
+    if np.count_nonzero(run > tall_px) < size:
+        return None
+    smooth = cv2.morphologyEx(run, cv2.MORPH_OPEN, np.ones((1, size), np.uint8))
+    if smooth.max() <= tall_px:
+        return None
+    leaning = _leaned(smooth, band, px_per_m)[0].astype(np.int64)
+    nothing = -1 if away > 0 else len(solid)
+    ragged = round(RAGGED_M * px_per_m)
+    return np.where(leaning > tall_px, begin + away * (leaning - 1 + ragged), nothing)
+
+
+def _leaned(reach: Floats, band: Band, px_per_m: float) -> Floats:
+    """Spread a reach (1, columns) along the road as far as tall silhouettes lean there."""
+    columns = reach.shape[1]
+    bounds = np.linspace(0, columns, len(band.lean_px) + 1).astype(int)
+    spread = np.empty_like(reach)
+    for lean, first, last in zip(band.lean_px[:, 0], bounds[:-1], bounds[1:], strict=True):
+        size = round(abs(float(lean)) * TALL_HEIGHT_M + SLACK_M * px_per_m)
+        begin, end = max(first - size, 0), min(last + size, columns)
+        wide = cv2.dilate(reach[:, begin:end], np.ones((1, 2 * size + 1), np.uint8))
+        spread[:, first:last] = wide[:, first - begin : last - begin]
+    return spread
