@@ -70,6 +70,8 @@ class View(Protocol):
 
     def cover(self, footprints: Carried) -> Image: ...
 
+    def low(self, footprints: Carried) -> Carried: ...
+
     def locate(self, detections: Carried, raster: Carried, mapping: GroundMapping) -> Carried: ...
 
 
@@ -78,7 +80,7 @@ class Background(Protocol):
 
 
 class Detector(Protocol):
-    def find(self, masks: Carried, raster: Carried) -> Carried: ...
+    def find(self, masks: Carried, raster: Carried, low: Carried) -> Carried: ...
 
 
 class Tracker(Protocol):
@@ -120,10 +122,10 @@ class Pipeline:
         self.lap("road")
         raster = self.view.render(frame, mapping, self.road.approaches)
         self.lap("view")
-        protect = self.view.cover(self.tracker.footprints())
-        masks = self.background.apply(raster, frame.t_s, protect)
+        known = self.tracker.footprints()
+        masks = self.background.apply(raster, frame.t_s, self.view.cover(known))
         self.lap("background")
-        detections = self.detector.find(masks, raster)
+        detections = self.detector.find(masks, raster, self.view.low(known))
         self.lap("detect")
         points = self.view.locate(detections, raster, mapping)
         scene = Scene(frame.t_s, raster, mapping)

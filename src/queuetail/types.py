@@ -207,6 +207,7 @@ class LaneDetections:
     contrast: Floats  # (n,) mean difference from road, as a share of its brightness
     body: Floats  # (n,) share of its columns that show more than cast shadow
     shadow: Bools  # (n,) it is only the shadow of what is beside it
+    roof: Bools  # (n,) it is only what shows beyond a tall vehicle: its ends are rough
     speed_mps: tuple[Floats, ...] = ()  # of each band (lanes, columns): the picture's, NaN unknown
     hidden: tuple[Bools, ...] = ()  # of each band (lanes, columns): behind a tall vehicle
 
@@ -238,6 +239,7 @@ class RoadPoints:
     contrast: Floats  # (n,) share of the road's brightness
     body: Floats  # (n,) share of its length that shows more than cast shadow
     shadow: Bools  # (n,) it is only the shadow of what is beside it
+    roof: Bools  # (n,) it is only what shows beyond a tall vehicle: its ends are rough
     spans: dict[int, tuple[float, float]]
     boxes_px: Floats  # (n, 4) in input-video pixels
     sights: dict[tuple[int, int], LaneSight] = field(default_factory=dict)  # (approach, lane)

@@ -79,6 +79,7 @@ def points(
         contrast=rows[:, 3],
         body=rows[:, 4],
         shadow=np.zeros(n, np.bool_),
+        roof=np.zeros(n, np.bool_),
         spans={0: view},
         boxes_px=np.zeros((n, 4)),
         sights=sights(flows, hidden),
@@ -166,7 +167,7 @@ def test_a_braking_car_is_followed_into_its_stop_and_held_for_minutes() -> None:
     assert tracks.states[0] is TrackState.CONFIRMED
     assert tracks.velocity_mps[0, 0] == pytest.approx(0.0, abs=0.05)
     assert road.tracker.footprints() == [
-        (0, 1, pytest.approx(at, abs=0.2), pytest.approx(at + 4.6, abs=0.4))
+        (0, 1, pytest.approx(at, abs=0.2), pytest.approx(at + 4.6, abs=0.4), True)
     ]
 
 
@@ -200,6 +201,36 @@ def test_a_truck_is_one_vehicle() -> None:
         tracks = road.see((2, at, at + 16.5))
     assert len(tracks) == 1
     assert tracks.length_m[0] == pytest.approx(16.5, abs=0.5)
+
+
+def test_a_trailer_that_shows_only_its_ends_is_one_truck() -> None:
+    """Its cab and its rear drive a third of a second apart, as no two vehicles do, then queue."""
+    road = Road()
+    for step in range(150):
+        at = min(1.0 + 2.0 * step, 130.0)
+        tracks = road.see((2, at, at + 3.5), (2, at + 11.0, at + 15.0))
+    assert len(tracks) == 1
+    assert tracks.length_m[0] == pytest.approx(15.0, abs=0.8)
+    assert rear(tracks) == pytest.approx(130.0, abs=0.8)
+
+
+def test_two_cars_that_follow_closely_stay_two() -> None:
+    road = Road()
+    for step in range(100):
+        at = 1.0 + 1.2 * step
+        tracks = road.see((1, at, at + 4.6), (1, at + 11.0, at + 15.6))
+    assert len(tracks) == 2
+
+
+def test_half_a_car_does_not_shrink_it() -> None:
+    road = Road()
+    for step in range(60):
+        at = min(1.0 + 2.0 * step, 60.0)
+        road.see((1, at, at + 12.0))
+    for _ in range(50):
+        tracks = road.see((1, 60.0, 65.0))
+    assert tracks.length_m[0] == pytest.approx(12.0, abs=0.8)
+    assert rear(tracks) == pytest.approx(60.0, abs=0.5)
 
 
 def test_a_lane_change_keeps_the_vehicle() -> None:

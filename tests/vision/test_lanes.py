@@ -17,6 +17,7 @@ from queuetail.vision.lanes import (
     dark_ends,
     fill_outlines,
     footprints,
+    silled,
 )
 
 ROAD = band()
@@ -105,11 +106,11 @@ def test_an_outline_is_filled_and_the_road_between_two_vehicles_is_not() -> None
     outline[box] = 255
     inner = np.s_[box[0].start + 1 : box[0].stop - 1, box[1].start + 1 : box[1].stop - 1]
     outline[inner] = 0
-    assert fill_outlines(outline, PX_PER_M)[box].all()
+    assert fill_outlines(outline, PX_PER_M)[0][box].all()
     two = empty()
     for rear in (100, 140):
         two[car_box(ROAD, 1, rear)] = 255
-    assert not fill_outlines(two, PX_PER_M)[:, 126:138].any()
+    assert not fill_outlines(two, PX_PER_M)[0][:, 126:138].any()
 
 
 def smeared(solid: Image, lean: tuple[float, float], height_m: float) -> Image:
@@ -275,3 +276,27 @@ def test_contrast_is_that_of_the_vehicle() -> None:
     masks = Masks(mask, mask, np.zeros_like(mask), share)
     found = LaneDetector().find(masks, raster(mask, ROAD))
     assert found.contrast[0] == pytest.approx(0.6, abs=0.08)
+
+
+@pytest.mark.parametrize(
+    ("sill", "becomes"),
+    [
+        ((20, 80), (20, 95)),  # from the rear of a trailer to its cab
+        ((30, 40), (80, 95)),  # too short: something else
+        ((20, 70), (80, 95)),  # ends before the cab
+        ((0, 90), (0, 95)),
+    ],
+)
+def test_a_sill_leads_from_a_truck_s_cab_to_its_rear(
+    sill: tuple[int, int], becomes: tuple[int, int]
+) -> None:
+    on, line = np.zeros(200, np.uint8), np.zeros(200, np.bool_)
+    on[80:95], line[sill[0] : sill[1]] = 1, True
+    found = np.flatnonzero(silled(on, line, PX_PER_M))
+    assert (found[0], found[-1] + 1) == becomes
+
+
+def test_a_sill_joins_nothing_that_is_longer_than_a_truck() -> None:
+    on, line = np.zeros(300, np.uint8), np.zeros(300, np.bool_)
+    on[80:120], line[20:80], on[10:20] = 1, True, 1
+    assert (silled(on, line, PX_PER_M) == on).all()

@@ -62,6 +62,17 @@ def test_what_is_lower_still_is_hidden() -> None:
     assert rows.cover(truck(low, 2))[210:270].max() == 0
 
 
+def test_what_is_known_to_be_a_car_hides_nothing() -> None:
+    """Cars before a truck look like one tall thing; the tracker knows better."""
+    scene = body(LEFT, 1, 200, 80, 2.5, 4.0)
+    for rear in (205, 236, 267):
+        scene |= body(LEFT, 2, rear, 27, 1.8, 1.5)
+    scene[40:50, 205:294] = 255  # and their shadows join them
+    low = np.zeros((2, LEFT.columns), np.bool_)
+    low[1, 200:300] = True
+    assert not lane_rows(scene, LEFT, PX_PER_M, low)[0].partly.any()
+
+
 def test_a_row_of_cars_hides_nothing() -> None:
     scene = np.zeros((LEFT.rows[1], LEFT.columns), np.uint8)
     for rear in range(100, 400, 33):

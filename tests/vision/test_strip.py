@@ -33,7 +33,7 @@ def detections(columns: Floats, row: float) -> LaneDetections:
     band = np.zeros(n, np.int64)
     return LaneDetections(
         band, band + 1, columns, columns + 30.0, np.full(n, row), cut, cut,
-        np.full(n, 0.5), np.ones(n), cut,
+        np.full(n, 0.5), np.ones(n), cut, cut,
     )  # fmt: skip
 
 
@@ -190,7 +190,7 @@ def test_a_cover_lies_over_its_vehicle_and_leans_away_from_the_camera() -> None:
     view = RoadView()
     found = view.render(frame(np.full((720, 1280), 90, np.uint8)), mapping, north)
     middle_m = sum(found.spans[0]) / 2
-    cover = view.cover([(0, 2, middle_m, middle_m + 4.6)])
+    cover = view.cover([(0, 2, middle_m, middle_m + 4.6, True)])
     rows, columns = np.nonzero(cover)
     band = found.bands[0]
     first = (middle_m - found.spans[0][0]) * found.px_per_m + band.visible_columns[0]
@@ -198,4 +198,15 @@ def test_a_cover_lies_over_its_vehicle_and_leans_away_from_the_camera() -> None:
     assert columns.max() + 1 >= first + 4.6 * found.px_per_m - 1
     assert rows.min() <= band.lane_rows[1] <= rows.max()
     assert rows.min() < band.lane_rows[1] - 0.5 * band.lane_width_px  # away is to the left
-    assert not view.cover([(0, 3, middle_m, middle_m + 4.6), (1, 1, 0.0, 9.0)]).any()
+    elsewhere = [(0, 3, middle_m, middle_m + 4.6, True), (1, 1, 0.0, 9.0, True)]
+    assert not view.cover(elsewhere).any()
+
+
+def test_where_cars_are_is_said_lane_by_lane() -> None:
+    view = RoadView()
+    found = view.render(frame(np.full((720, 1280), 90, np.uint8)), camera(), (STRAIGHT,))
+    middle_m = sum(found.spans[0]) / 2
+    car, truck = (0, 2, middle_m, middle_m + 4.6, True), (0, 1, middle_m, middle_m + 16.0, False)
+    (low,) = view.low([car, truck, (0, 3, middle_m, middle_m + 4.6, True)])
+    assert not low[0].any()
+    assert low[1].sum() == pytest.approx(4.6 * found.px_per_m, abs=2)

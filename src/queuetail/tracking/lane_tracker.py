@@ -28,6 +28,7 @@ from queuetail.tracking.lane_vehicle import (
     shared,
     without_doubles,
 )
+from queuetail.tracking.parts import joined_parts, merge_followers
 from queuetail.traffic.road import place
 from queuetail.types import (
     Approach,
@@ -53,6 +54,7 @@ HIDDEN_S, HIDDEN_DRIVING_S = 60.0, 3.0  # behind a tall vehicle that stands, or 
 DRIVING_MPS = 4.0
 FLOW_SIGMA_MPS, FLOW_GATE_MPS, FLOW_GATE_SIGMAS = 0.4, 2.0, 3.0
 FLOW_FIRST_SIGMA_MPS = 1.5
+RESTING_MPS, RESTING_SIGMA_MPS = 0.3, 0.2
 FLOW_SHARE = 0.25  # of a vehicle's length whose motion is known
 CONTRAST_RATE = 0.2
 STAIN_CONTRAST, MIN_STANDING_M = 0.17, 2.8
@@ -71,10 +73,13 @@ class LaneTracker:
         self._last_s: float | None = None
         self._first_s: float | None = None
 
-    def footprints(self) -> list[tuple[int, int, float, float]]:
-        """Return (approach, lane, rear, front) of every vehicle that the background must keep."""
+    def footprints(self) -> list[tuple[int, int, float, float, bool]]:
+        """Return every vehicle that the background must keep.
+
+        Each is (approach, lane, rear, front), and whether it is surely a car.
+        """
         kept = (v for v in self._vehicles if not (v.mark or v.only_shade))
-        return [(v.approach, v.lane, v.rear_m, v.front_m) for v in kept]
+        return [(v.approach, v.lane, v.rear_m, v.front_m, v.is_car) for v in kept]
 
     def update(self, points: RoadPoints, scene: Scene) -> Tracks:
         """Move all vehicles to the frame's time, take in what was measured, return them all."""
@@ -110,7 +115,7 @@ class LaneTracker:
             (v for v in self._vehicles if (v.approach, v.lane) == key), key=lambda v: v.rear_m
         )
         unclaimed = []
-        for interval in intervals:
+        for interval in joined_parts(vehicles, intervals):
             inside = [v for v in vehicles if owns(v, interval, t_s)]
             inside = inside[:1] or [v for v in vehicles if overlaps(v, interval)]
             if not inside:
@@ -131,6 +136,10 @@ class LaneTracker:
         for behind, ahead in pairwise(vehicles):
             if behind.confirmed and ahead.confirmed and behind.seen_s < t_s:
                 keep_behind(behind, ahead)
+        kept = merge_followers(vehicles, dt_s)
+        if len(kept) < len(vehicles):
+            gone = {id(v) for v in vehicles} - {id(v) for v in kept}
+            self._vehicles = [v for v in self._vehicles if id(v) not in gone]
         return unclaimed
 
     def _changed_lanes(self, intervals: list[Interval], t_s: float) -> list[Interval]:
@@ -302,11 +311,15 @@ class LaneTracker:
 def follow_flow(vehicle: LaneVehicle, sight: LaneSight | None) -> None:
     """Correct a vehicle's speed by how the picture moves where it is, unless that is another's."""
     speed_mps = flow_mps(sight, vehicle.rear_m, vehicle.front_m)
-    if speed_mps is None:
-        return
+    if speed_mps is None or speed_mps < -RESTING_MPS:
+        return None
+    if abs(speed_mps) < RESTING_MPS and vehicle.speed_mps < STANDING_MPS:
+        # Still is still: noise that is cut off at 0 would make it creep.
+        return vehicle.correct_speed(0.0, RESTING_SIGMA_MPS)
     gate_mps = FLOW_GATE_MPS + FLOW_GATE_SIGMAS * float(np.sqrt(vehicle.var_speed))
     if abs(speed_mps - vehicle.speed_mps) < gate_mps:
         vehicle.correct_speed(speed_mps, FLOW_SIGMA_MPS)
+    return None
 
 
 def flow_mps(sight: LaneSight | None, rear_m: float, front_m: float) -> float | None:
@@ -378,6 +391,7 @@ def _by_lane(points: RoadPoints) -> dict[tuple[int, int], list[Interval]]:
         points.contrast.tolist(),
         points.body.tolist(),
         points.shadow.tolist(),
+        points.roof.tolist(),
         strict=True,
     )
     for row in rows:

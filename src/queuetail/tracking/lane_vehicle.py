@@ -14,11 +14,16 @@ import numpy as np
 
 ACCELERATION_MPS2 = 2.5  # one sigma of what drivers do
 END_SIGMA_M = 0.35  # of a measured rear or front
+ROOF_SIGMA_M = 2.0  # of an end of which only the roof is seen,
+CLEAN, CLEAN_ROOF_SIGMA_M = 0.3, 0.6  # and of the middle of one that is as long as its vehicle
 MERGED_SIGMA_M = 1.0  # of an end that is shared with another vehicle
 FIRST_SPEED_SIGMA_MPS = 15.0
 GATE_M, GATE_SIGMAS = 2.5, 3.5
 SMALLEST_GAP_M = 1.0
 LENGTH_STEP_M = 3.2  # longer than known by this much for a while: another vehicle is inside
+ALIKE, SURE_S = 0.15, 1.5  # lengths that agree, and for how long before one is sure
+PART = 0.7  # of a known length: what is shorter is a part of the vehicle
+CAR_LENGTH_M = 6.5
 STANDING_MPS = 0.7
 LEAST_BODY, SURE_BODY = 0.15, 0.4  # share that is more than shade: below all may be, above not
 MOVED_M, SHADE_MOVED_M = 2.5, 12.0  # a tree's shadow sways, and goes nowhere
@@ -44,7 +49,9 @@ class LaneVehicle:
     length_known: bool = False
     hits: int = 1
     seen_s: float = 0.0
+    whole_s: float = 0.0  # for how long its length was seen alike
     longer_s: float = 0.0
+    follows_s: float = 0.0  # for how long it has been nearer to the one ahead than anybody drives
     apparition: bool = False  # came out of nothing in mid-view, and has not moved since
     mark: bool = False  # stands where others have driven through: a stain, until it moves
     way_m: float = 0.0  # the farthest that it was from where it was born
@@ -56,6 +63,11 @@ class LaneVehicle:
     @property
     def front_m(self) -> float:
         return self.rear_m + self.length_m
+
+    @property
+    def is_car(self) -> bool:
+        """Whether it was seen whole, and is too short to be taller than a car."""
+        return self.confirmed and self.length_known and self.length_m < CAR_LENGTH_M
 
     @property
     def moved(self) -> bool:
@@ -115,6 +127,7 @@ class Interval:
     contrast: float = 0.0
     body: float = 1.0  # share of it that shows more than cast shadow
     shadow: bool = False  # it is only the shadow of what is beside it
+    roof: bool = False  # it is only what shows beyond a tall vehicle: its ends are rough
 
 
 def correct_one(vehicle: LaneVehicle, interval: Interval, dt_s: float) -> list[Interval]:
@@ -123,6 +136,15 @@ def correct_one(vehicle: LaneVehicle, interval: Interval, dt_s: float) -> list[I
     rear_gap = abs(interval.rear_m - vehicle.rear_m)
     front_gap = abs(interval.front_m - vehicle.front_m)
     whole = not (interval.cut_rear or interval.cut_front)
+    if interval.roof and vehicle.length_known:
+        if abs(length - vehicle.length_m) < CLEAN * vehicle.length_m:
+            middle = (interval.rear_m + interval.front_m - vehicle.length_m) / 2
+            vehicle.correct(middle, CLEAN_ROOF_SIGMA_M)
+        elif min(rear_gap, front_gap) < vehicle.gate_m():
+            by_rear = rear_gap <= front_gap
+            rear = interval.rear_m if by_rear else interval.front_m - vehicle.length_m
+            vehicle.correct(rear, ROOF_SIGMA_M)
+        return []
     vehicle.offset_m += OFFSET_RATE * (interval.offset_m - vehicle.offset_m)
     longer = length - vehicle.length_m
     if vehicle.length_known and longer > LENGTH_STEP_M:
@@ -136,9 +158,18 @@ def correct_one(vehicle: LaneVehicle, interval: Interval, dt_s: float) -> list[I
         vehicle.longer_s = 0.0
         return [_remainder(interval, vehicle, by_rear)]
     vehicle.longer_s = 0.0
+    if whole and vehicle.whole_s > SURE_S and length < PART * vehicle.length_m:
+        # Only a part of it is seen: that tells of the end that it is at.
+        by_rear = rear_gap <= front_gap
+        vehicle.correct(
+            interval.rear_m if by_rear else interval.front_m - vehicle.length_m, MERGED_SIGMA_M
+        )
+        return []
     if whole:
         if not vehicle.length_known:
             vehicle.length_m, vehicle.length_known = length, True
+        alike = abs(length - vehicle.length_m) < ALIKE * vehicle.length_m
+        vehicle.whole_s = vehicle.whole_s + dt_s if alike else max(vehicle.whole_s - dt_s, 0.0)
         vehicle.length_m += LENGTH_RATE * (length - vehicle.length_m)
         vehicle.correct(interval.rear_m, END_SIGMA_M)
     elif interval.cut_rear:
@@ -156,10 +187,11 @@ def correct_one(vehicle: LaneVehicle, interval: Interval, dt_s: float) -> list[I
 def correct_many(vehicles: Sequence[LaneVehicle], interval: Interval) -> None:
     """Give the rear of a merged interval to its last vehicle and the front to its first."""
     last, first = vehicles[0], vehicles[-1]
+    sigma_m = ROOF_SIGMA_M if interval.roof else MERGED_SIGMA_M
     if not interval.cut_rear and abs(interval.rear_m - last.rear_m) < last.gate_m():
-        last.correct(interval.rear_m, END_SIGMA_M)
+        last.correct(interval.rear_m, sigma_m if interval.roof else END_SIGMA_M)
     if not interval.cut_front and abs(interval.front_m - first.front_m) < first.gate_m():
-        first.correct(interval.front_m - first.length_m, MERGED_SIGMA_M)
+        first.correct(interval.front_m - first.length_m, sigma_m)
     for behind, ahead in pairwise(vehicles):
         # Nobody drives into the one ahead: a filter that says so has missed a braking.
         overlap = behind.front_m + 0.5 - ahead.rear_m

@@ -18,7 +18,7 @@ class SimpleBlobs:
         self._shape: tuple[int, ...] | None = None
         self._detector: cv2.SimpleBlobDetector | None = None
 
-    def find(self, mask: Image, raster: Raster) -> Detections:
+    def find(self, mask: Image, raster: Raster, low: None = None) -> Detections:
         """Return the blobs of a (h, w) mask of 0 and 255, in its pixels."""
         if self._detector is None or self._shape != mask.shape:
             self._detector, self._shape = self._make(mask.size), mask.shape

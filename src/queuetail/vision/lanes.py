@@ -13,13 +13,16 @@ from numpy.typing import NDArray
 
 from queuetail.types import Band, Bools, Floats, Image, LaneDetections, Masks, RoadRaster
 from queuetail.vision.flow import LaneFlow
-from queuetail.vision.occlusion import CORE_M, ROOF_M, LaneRows, lane_rows
+from queuetail.vision.occlusion import CORE_M, LEAST_LEAN_M, ROOF_M, LaneRows, lane_rows
 
 MIN_COVER = 0.38  # of the core, for a column to belong to a vehicle
 CLOSE_M = 0.7  # holes in a vehicle (windscreens the colour of asphalt) up to this length
 UNDER_M, BRIDGE_M, UNBROKEN = 2.2, 2.6, 0.9  # across and along: the line of shade under a sill
+SILL_M, SILL_CLEAR_M, LEAST_SILL_M = (0.7, 1.5), 0.4, 3.5  # a truck's, from its lane's middle
+LONGEST_M = 19.5
 JOIN_M = 0.5  # breaks in an outline
 HOLE_WIDTH_M = 2.2  # across the road: the widest hole that is filled, a vehicle's body
+TRUCK_HOLE_M, TRUCK_HOLE_WIDTH_M, TRUCK_HOLE_SHARE = (4.0, 17.0), 4.5, 0.5
 MIN_LENGTH_M = 2.0
 LEAN_HEIGHT_M = 1.1  # bonnets and boots: what every vehicle stands above its footprint
 TALL_LENGTH_M = 6.5  # longer vehicles throw longer shadows
@@ -47,6 +50,7 @@ class Interval:
     cut: tuple[bool, bool]  # at the rear and front, by the end of what is seen
     contrast: float
     body: float
+    roof: bool = False
     shadow: bool = False
 
 
@@ -70,16 +74,22 @@ class LaneDetector:
         self._shadows = CastShadows()
         self._flow = LaneFlow()
 
-    def find(self, masks: Masks, raster: RoadRaster) -> LaneDetections:
-        """Return the vehicles of all lanes, in raster columns and rows, and how the lanes move."""
+    def find(self, masks: Masks, raster: RoadRaster, low: tuple[Bools, ...] = ()) -> LaneDetections:
+        """Return the vehicles of all lanes, in raster columns and rows, and how the lanes move.
+
+        `low` says of each band (lanes, columns) where vehicles are known to be no taller than cars.
+        """
         found: list[Interval] = []
         speeds = self._flow.measure(raster)
         hidden: list[Bools] = []
         for number, band in enumerate(raster.bands):
             part = np.s_[band.rows[0] : band.rows[1], : band.columns]
-            filled = fill_outlines(masks.foreign[part], raster.px_per_m)
+            filled, bodies = fill_outlines(
+                masks.foreign[part], raster.px_per_m, float(band.lean_px[:, 1].mean())
+            )
             standing = footprints(filled, band.lean_px)
             body = cv2.bitwise_and(masks.foreign[part], cv2.bitwise_not(masks.shade[part]))
+            body = cv2.bitwise_or(body, bodies)
             seen = BandMasks(
                 silhouettes=filled,
                 standing=standing,
@@ -89,7 +99,8 @@ class LaneDetector:
                 contrast=masks.contrast[part],
                 shaded=bool(masks.shade[part].any()),
             )
-            rows = lane_rows(cv2.bitwise_and(filled, body), band, raster.px_per_m)
+            cars = low[number] if number < len(low) else None
+            rows = lane_rows(cv2.bitwise_and(filled, body), band, raster.px_per_m, cars)
             found += self._band(number, band, seen, rows, raster.px_per_m)
             hidden.append(np.array([r.hidden for r in rows], np.bool_))
         for speed, hides in zip(speeds, hidden, strict=True):
@@ -105,6 +116,7 @@ class LaneDetector:
             contrast=np.array([i.contrast for i in found], float),
             body=np.array([i.body for i in found], float),
             shadow=np.array([i.shadow for i in found], np.bool_),
+            roof=np.array([i.roof for i in found], np.bool_),
             speed_mps=tuple(speeds),
             hidden=tuple(hidden),
         )
@@ -142,6 +154,7 @@ class LaneDetector:
         sill = seen.dark[max(round(middle - half), 0) : round(middle + half) + 1]
         under: Bools = np.any(sill, axis=0)
         on = bridged(on, under, BRIDGE_M * px_per_m)
+        on = silled(on, _sill_line(seen.dark, seen.silhouettes, band, middle, px_per_m), px_per_m)
         edges = np.flatnonzero(np.diff(np.concatenate([[0], on, [0]])))
         found: list[Interval] = []
         for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
@@ -160,7 +173,8 @@ class LaneDetector:
             ends = self._shadows.without(ends, shadowed, cut, px_per_m)
             share = float((solid[first:last] >= BODY_COVER).mean())
             row = middle
-            if visible.partly[first:last].mean() >= MOSTLY_PARTLY:
+            roof = float(visible.partly[first:last].mean()) >= MOSTLY_PARTLY
+            if roof:
                 # What shows is the roof, which appears farther along the road by its lean.
                 block = min(int(first / band.columns * len(band.lean_px)), len(band.lean_px) - 1)
                 lean = float(band.lean_px[block][0]) * (ROOF_M - LEAN_HEIGHT_M / 2)
@@ -176,7 +190,7 @@ class LaneDetector:
                 + 1,
                 first:last,
             ]
-            found.append(Interval(number, lane, *ends, row, cut, float(core.mean()), share))
+            found.append(Interval(number, lane, *ends, row, cut, float(core.mean()), share, roof))
         return found
 
 
@@ -250,6 +264,51 @@ def bridged(on: Image, under: Bools, longest: float) -> Image:
     return joined
 
 
+def silled(on: Image, sill: Bools, px_per_m: float) -> Image:
+    """Join or lengthen runs of columns (n,) that are `on` along an unbroken sill, up to a truck.
+
+    A trailer the colour of asphalt shows its cab or its rear, and the line of shade along its side.
+    """
+    joint = 2 * (max(round(CLOSE_M * px_per_m), 1) // 2) + 1
+    closed = cv2.morphologyEx(
+        sill.astype(np.uint8)[None], cv2.MORPH_CLOSE, np.ones((1, joint), np.uint8)
+    )[0]
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], closed, [0]])))
+    joined = on.copy()
+    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        if not LEAST_SILL_M * px_per_m <= last - first <= LONGEST_M * px_per_m:
+            continue
+        whole = joined.copy()
+        whole[first:last] = 1
+        begin, end = first, last
+        while begin > 0 and (whole[begin - 1] or joined[max(begin - joint, 0) : begin].any()):
+            begin -= 1
+        while end < len(whole) and (whole[end] or joined[end : end + joint].any()):
+            end += 1
+        touches = joined[begin : first + joint].any() or joined[last - joint : end].any()
+        if touches and end - begin <= LONGEST_M * px_per_m:
+            joined[begin:end] = 1
+    return joined
+
+
+def _sill_line(dark: Image, filled: Image, band: Band, middle: float, px_per_m: float) -> Bools:
+    """Return at which columns something dark runs along a lane's near side, and nothing beside it.
+
+    The near side is the camera's; from straight above it may be either.
+    """
+    lean = float(band.lean_px[:, 1].mean()) / px_per_m
+    half = max(SILL_CLEAR_M * px_per_m, 1.0)
+    clear = filled[max(round(middle - half), 0) : round(middle + half) + 1]
+    found = np.zeros(dark.shape[1], np.bool_)
+    for side in (1, -1):
+        if side * lean > LEAST_LEAN_M:
+            continue
+        near, far = sorted(middle + side * reach * px_per_m for reach in SILL_M)
+        line = dark[max(round(near), 0) : round(far) + 1]
+        found |= np.any(line, axis=0)
+    return found & ~np.any(clear, axis=0)
+
+
 def mark_shadows(intervals: Sequence[Interval], reach: float) -> None:
     """Mark the intervals of one band that show only shade, beside or near a body that casts it."""
     bodies = [i for i in intervals if i.body >= BODY_SHARE]
@@ -262,15 +321,40 @@ def mark_shadows(intervals: Sequence[Interval], reach: float) -> None:
         )
 
 
-def fill_outlines(foreign: Image, px_per_m: float) -> Image:
-    """Fill what an outline encloses: the body of a vehicle the colour of asphalt.
+def fill_outlines(foreign: Image, px_per_m: float, lean: float = 0.0) -> tuple[Image, Image]:
+    """Fill what an outline encloses, a body the colour of asphalt; -> the whole, what was filled.
 
-    Columns are closed across the road, where the two sides of an outline are a vehicle apart.
+    Columns are closed across the road, where the two sides of a car's outline are a car apart; the
+    sides of trucks are farther, so what their outline encloses altogether is filled as well.
+    `lean` is the row by which what is a metre high is displaced.
     """
     join = 2 * (max(round(JOIN_M * px_per_m), 1) // 2) + 1
     joined = cv2.morphologyEx(foreign, cv2.MORPH_CLOSE, np.ones((join, join), np.uint8))
     across = 2 * (max(round(HOLE_WIDTH_M * px_per_m), 1) // 2) + 1
-    return cv2.morphologyEx(joined, cv2.MORPH_CLOSE, np.ones((across, 1), np.uint8))
+    closed = cv2.morphologyEx(joined, cv2.MORPH_CLOSE, np.ones((across, 1), np.uint8))
+    filled = enclosed(joined, px_per_m, lean)
+    return cv2.bitwise_or(closed, filled), filled
+
+
+def enclosed(outlines: Image, px_per_m: float, lean: float) -> Image:
+    """Return (255) the holes in outlines that are as long and as wide as a truck's body.
+
+    Where trucks lean out of the picture, its edge is the fourth side.
+    """
+    holes = cv2.bitwise_not(outlines)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(holes, connectivity=4)
+    rows, columns = outlines.shape
+    left, top, width, height, area = (stats[:, i] for i in range(5))
+    inside = (left > 0) & (left + width < columns)
+    inside &= (lean < 0) | (top > 0)
+    inside &= (lean > 0) | (top + height < rows)
+    inside &= (width >= TRUCK_HOLE_M[0] * px_per_m) & (width <= TRUCK_HOLE_M[1] * px_per_m)
+    inside &= (height >= 0.8 * px_per_m) & (height <= TRUCK_HOLE_WIDTH_M * px_per_m)
+    inside &= area >= TRUCK_HOLE_SHARE * width * height
+    inside[0] = False
+    if not inside.any():
+        return np.zeros_like(outlines)
+    return np.asarray(np.where(inside, np.uint8(255), np.uint8(0))[labels])
 
 
 def footprints(solid: Image, lean_px: Floats) -> Image:

@@ -57,10 +57,13 @@ class LaneRows:
         return np.asarray(mean)
 
 
-def lane_rows(silhouettes: Image, band: Band, px_per_m: float) -> list[LaneRows]:
+def lane_rows(
+    silhouettes: Image, band: Band, px_per_m: float, low: Bools | None = None
+) -> list[LaneRows]:
     """Return the visible rows of every lane, left-most first.
 
-    `silhouettes` (h, w) is what is seen of vehicles, without cast shadow.
+    `silhouettes` (h, w) is what is seen of vehicles, without cast shadow; `low` (lanes, columns)
+    where vehicles are known to be no taller than cars.
     """
     lean_px = float(band.lean_px[:, 1].mean())
     away = -1 if lean_px < 0 else 1
@@ -76,7 +79,8 @@ def lane_rows(silhouettes: Image, band: Band, px_per_m: float) -> list[LaneRows]
         found[lane] = _rows(middle, far, blocked, away, px_per_m, solid.shape)
         if lean_m < LEAST_LEAN_M:
             continue
-        reach = _reach(solid, band, middle, away, lean_m, px_per_m)
+        cars = None if low is None else low[lane]
+        reach = _reach(solid, band, middle, away, lean_m, px_per_m, cars)
         if reach is not None:
             blocked = reach if blocked is None else away * np.maximum(away * reach, away * blocked)
     return [rows for rows in found if rows is not None]
@@ -106,7 +110,13 @@ def _rows(
 
 
 def _reach(
-    solid: Image, band: Band, middle: float, away: int, lean_m: float, px_per_m: float
+    solid: Image,
+    band: Band,
+    middle: float,
+    away: int,
+    lean_m: float,
+    px_per_m: float,
+    low: Bools | None,
 ) -> Ints | None:
     """Return up to which row tall vehicles in a lane hide the lanes behind; None without any."""
     begin = round(middle + away * START_M * px_per_m)
@@ -115,6 +125,8 @@ def _reach(
         return None
     outward = solid[begin:] if away > 0 else solid[begin::-1]
     run = np.logical_and.accumulate(outward > 0, axis=0).sum(axis=0).astype(np.float32)[None]
+    if low is not None:
+        run[0, low] = 0.0
     tall_px = (TALL_M + TALL_LEAN * lean_m - START_M) * px_per_m
     if np.count_nonzero(run > tall_px) < size:
         return None

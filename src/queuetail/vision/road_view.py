@@ -12,6 +12,7 @@ from queuetail.traffic.road import place
 from queuetail.types import (
     Approach,
     Band,
+    Bools,
     Floats,
     Frame,
     GroundMapping,
@@ -34,6 +35,8 @@ from queuetail.vision.strip import (
 
 RECHECK_S = 0.25  # how often it is looked at what the picture shows
 LEAN_BLOCKS = 12  # along a band: the lean changes slowly
+# Of a followed vehicle: approach, lane, stations of its rear and front, whether it is surely a car.
+Footprint = tuple[int, int, float, float, bool]
 CAR_HEIGHT_M, TRUCK_HEIGHT_M, TRUCK_LENGTH_M = 1.6, 4.0, 6.5
 
 
@@ -69,12 +72,12 @@ class RoadView:
             t_s=frame.t_s,
         )
 
-    def cover(self, footprints: Sequence[tuple[int, int, float, float]]) -> Image:
-        """Mask the raster (255) where (approach, lane, rear, front) says vehicles are."""
+    def cover(self, footprints: Sequence[Footprint]) -> Image:
+        """Mask the raster (255) where vehicles are."""
         mask = np.zeros_like(self._image)
         for strip, band in zip(self._plan.bands if self._plan else (), self._bands, strict=True):
             half = strip.approach.lane_width_m / 2 / strip.metres_per_px
-            for approach, lane, rear_m, front_m in footprints:
+            for approach, lane, rear_m, front_m, _ in footprints:
                 if approach != strip.approach_index or lane > len(band.lane_rows):
                     continue
                 middle = band.lane_rows[lane - 1]
@@ -89,6 +92,19 @@ class RoadView:
                 rows = slice(strip.first_row + top, strip.first_row + max(bottom, top))
                 mask[rows, max(left, 0) : max(right, 0)] = 255
         return mask
+
+    def low(self, footprints: Sequence[Footprint]) -> tuple[Bools, ...]:
+        """Say of each band (lanes, columns) where cars are: they hide nothing of the next lane."""
+        lows = []
+        for strip in self._plan.bands if self._plan else ():
+            low = np.zeros((strip.approach.lanes, strip.columns), np.bool_)
+            for approach, lane, rear_m, front_m, is_car in footprints:
+                if is_car and approach == strip.approach_index and lane <= len(low):
+                    first = (rear_m - strip.start_station_m) / strip.metres_per_px
+                    last = (front_m - strip.start_station_m) / strip.metres_per_px
+                    low[lane - 1, max(int(first), 0) : max(int(last) + 1, 0)] = True
+            lows.append(low)
+        return tuple(lows)
 
     def locate(
         self, detections: LaneDetections, raster: RoadRaster, mapping: GroundMapping
@@ -105,7 +121,7 @@ class RoadView:
             return RoadPoints(
                 detections.band, detections.lane, empty, empty, empty,
                 detections.cut_rear, detections.cut_front, empty, empty, detections.shadow,
-                raster.spans, np.empty((0, 4)), self._sights(detections),
+                detections.roof, raster.spans, np.empty((0, 4)), self._sights(detections),
             )  # fmt: skip
         rear = start[band] + detections.rear_column * scale
         front = start[band] + detections.front_column * scale
@@ -121,6 +137,7 @@ class RoadView:
             contrast=detections.contrast,
             body=detections.body,
             shadow=detections.shadow,
+            roof=detections.roof,
             spans=raster.spans,
             boxes_px=_boxes_px(raster.approaches, index[band], rear, front, offset, mapping),
             sights=self._sights(detections),

@@ -15,7 +15,8 @@ from queuetail.types import Floats, Image
 BINS, BIN_SMOOTHING = 64, np.array([0.25, 0.5, 0.25])
 TOLERANCE = 0.09  # of the share: asphalt's grain, and light from the sky
 PEAK_BINS = 4  # on either side
-COMMON = 0.5  # of all dark pixels, for one share to be the shadow's
+COMMON = 0.5  # of all dark pixels, for one share to be the shadow's,
+PROMINENT, PROMINENT_SHARE = 2.5, 0.25  # or so much of a peak over the mean, with so many of them
 LEAST_PIXELS = 600.0
 FADE = 0.98  # per picture that is learnt from: the sun moves, clouds come
 LEARN_EVERY = 3  # pictures
@@ -60,4 +61,6 @@ class CastShade:
             np.arange(max(peak - PEAK_BINS, 0), peak + PEAK_BINS + 1)[: len(window)] + 0.5
         ) / BINS
         common = window.sum() >= COMMON * total
+        beside = (total - window.sum()) / max(BINS / 2 - len(window), 1)
+        common |= smooth[peak] > PROMINENT * beside and window.sum() > PROMINENT_SHARE * total
         self.depth = float(window @ centres / window.sum()) if common else None

@@ -39,6 +39,9 @@ class WholeFrame:
         """Return an empty mask: the paper's background learns everything, stopped cars too."""
         return np.empty((0, 0), np.uint8)
 
+    def low(self, footprints: None) -> None:
+        """Return nothing: the paper's blobs hide nothing of each other."""
+
     def locate(
         self, detections: Detections, raster: Raster, mapping: GroundMapping
     ) -> GroundPoints:

@@ -1,0 +1,97 @@
+"""A long vehicle seen in parts: a trailer the colour of asphalt shows its cab, and its rear.
+
+Nobody follows another vehicle by a few metres at speed.  What seems to is one vehicle; and once its
+length is known, whatever shows within that length is its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+from queuetail.tracking.lane_vehicle import Interval, LaneVehicle, overlap_m
+
+FOLLOWING_S = 0.4  # no driver keeps a shorter gap than he drives in so long,
+FAST_MPS, SAME_SPEED_MPS = 8.0, 1.5  # at such a speed, both alike,
+FOLLOWING_FOR_S = 0.6  # for so long
+LONGEST_M, LONG_M = 19.0, 6.5
+SLACK_M = 1.5  # by which a part may stick out of its vehicle
+OWN, OTHER = 0.6, 0.3  # shares of a part that lie in its vehicle, and in another at the most
+
+
+def joined_parts(vehicles: Sequence[LaneVehicle], intervals: list[Interval]) -> list[Interval]:
+    """Join the intervals of one lane that are parts of one known long vehicle."""
+    long_ones = [v for v in vehicles if v.confirmed and v.length_known and v.length_m > LONG_M]
+    if not long_ones or len(intervals) < 2:
+        return intervals
+    joined: list[Interval] = []
+    owner: LaneVehicle | None = None
+    for interval in sorted(intervals, key=lambda i: i.rear_m):
+        whose = _owner(interval, long_ones, vehicles)
+        if joined and whose is not None and whose is owner:
+            last = joined[-1]
+            joined[-1] = replace(
+                last,
+                front_m=interval.front_m,
+                cut_front=interval.cut_front,
+                contrast=max(last.contrast, interval.contrast),
+                body=max(last.body, interval.body),
+                shadow=last.shadow and interval.shadow,
+                roof=last.roof and interval.roof,
+            )
+        else:
+            joined.append(interval)
+        owner = whose
+    return joined
+
+
+def merge_followers(vehicles: list[LaneVehicle], dt_s: float) -> list[LaneVehicle]:
+    """Make one of two parts of a lane, sorted by station, that drive as no two vehicles do."""
+    gone: set[int] = set()
+    for behind, ahead in pairwise(vehicles):
+        if not _follows_too_closely(behind, ahead):
+            behind.follows_s = 0.0
+            continue
+        behind.follows_s += dt_s
+        if behind.follows_s < FOLLOWING_FOR_S or behind.track_id in gone:
+            continue
+        gone.add(ahead.track_id)
+        behind.length_m, behind.length_known = ahead.front_m - behind.rear_m, True
+        if ahead.hits > behind.hits:
+            behind.track_id, ahead.track_id = ahead.track_id, behind.track_id
+            gone = (gone - {behind.track_id}) | {ahead.track_id}
+        behind.hits = max(behind.hits, ahead.hits)
+        behind.way_m = max(behind.way_m, ahead.way_m)
+        behind.body, behind.contrast = (
+            max(behind.body, ahead.body),
+            max(behind.contrast, ahead.contrast),
+        )
+        behind.confirmed |= ahead.confirmed
+        behind.apparition &= ahead.apparition
+    return [v for v in vehicles if v.track_id not in gone]
+
+
+def _follows_too_closely(behind: LaneVehicle, ahead: LaneVehicle) -> bool:
+    slower = min(behind.speed_mps, ahead.speed_mps)
+    return (
+        slower > FAST_MPS
+        and abs(behind.speed_mps - ahead.speed_mps) < SAME_SPEED_MPS
+        and ahead.rear_m - behind.front_m < FOLLOWING_S * slower
+        and ahead.front_m - behind.rear_m < LONGEST_M
+        and min(behind.hits, ahead.hits) >= 3
+    )
+
+
+def _owner(
+    interval: Interval, long_ones: Sequence[LaneVehicle], vehicles: Sequence[LaneVehicle]
+) -> LaneVehicle | None:
+    """Return the long vehicle that an interval is a part of, and no other vehicle's."""
+    length_m = max(interval.front_m - interval.rear_m, 0.1)
+    for v in long_ones:
+        inside = interval.rear_m > v.rear_m - SLACK_M and interval.front_m < v.front_m + SLACK_M
+        if inside and overlap_m(v, interval) > OWN * length_m:
+            others = (o for o in vehicles if o is not v and o.confirmed)
+            if all(overlap_m(o, interval) < OTHER * length_m for o in others):
+                return v
+    return None
