@@ -14,6 +14,7 @@ from queuetail.telemetry.container import NoTelemetryError
 from queuetail.telemetry.read import VideoClock
 from queuetail.types import Frame, Origin, TelemetrySample
 from queuetail.video import VideoFile, VideoInfo
+from queuetail.video.ahead import ahead
 
 SIDECARS = (".srt", ".SRT", ".csv", ".CSV")  # what a drone or our simulator puts beside its video
 OVERLAP_SLACK_S = 1.0
@@ -50,8 +51,8 @@ class Flight:
         self._file.close()
 
     def frames(self) -> Iterator[Frame]:
-        """Yield the video's frames in order of time."""
-        return self._file.frames()
+        """Yield the video's frames in order of time, decoded ahead."""
+        return ahead(self._file.frames())
 
     def telemetry_at(self, t_s: float) -> TelemetrySample:
         """Return what telemetry says at `t_s`, corrected; empty where there is none."""

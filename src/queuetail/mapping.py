@@ -52,10 +52,14 @@ class TelemetryMapper:
     ) -> GroundMapping | Unknown:
         """Return the exact pinhole mapping, or what is missing for it."""
         if self._last is None or self._last[0] is not telemetry:
-            pose = camera_pose(telemetry, *self._size, self._camera)
+            pose = self.pose(telemetry)
             known = pose if isinstance(pose, Unknown) else mapping_from_pose(pose, self._origin)
             self._last = (telemetry, known)
         return self._last[1]
+
+    def pose(self, telemetry: TelemetrySample) -> CameraPose | Unknown:
+        """Return the pose alone, or what is missing for it."""
+        return camera_pose(telemetry, *self._size, self._camera)
 
 
 class FixedMapper:
@@ -109,18 +113,20 @@ class RegisteredMapper:
         """Return the frame's mapping; unknown while the picture is lost, never the last one."""
         if registration.reason:
             return Unknown((registration.reason,))
-        told = self._telemetry.mapping(telemetry, registration)
+        pose: CameraPose | Unknown | None = self._telemetry.pose(telemetry)
         if registration.epoch != self._epoch:
-            if isinstance(told, Unknown):
-                return told
+            if isinstance(pose, Unknown):
+                return pose
             self._epoch, self._since_s, self._count = registration.epoch, telemetry.t_s, 0
             self._reference = None
-        settling = telemetry.t_s - self._since_s < SETTLE_S
-        if not isinstance(told, Unknown) and (settling or self._reference is None):
-            self._learn(told, registration)
+        if telemetry.t_s - self._since_s < SETTLE_S or self._reference is None:
+            told = self._telemetry.mapping(telemetry, registration)
+            if not isinstance(told, Unknown):
+                self._learn(told, registration)
         if self._reference is None:
             return Unknown(("telemetry does not say where the picture is",))
-        pose = self._reference.pose if isinstance(told, Unknown) else told.pose
+        if isinstance(pose, Unknown):
+            pose = self._reference.pose
         reference = dataclasses.replace(
             self._reference,
             H_enu_px=self._correction @ self._reference.H_enu_px,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from queuetail.mapping import TelemetryMapper
-from queuetail.types import Frame, GroundMapping, Registration, TelemetrySample, Unknown
+from queuetail.types import Floats, Frame, GroundMapping, Registration, TelemetrySample, Unknown
 from queuetail.vision.register import GroundRegistration
 
 STILL = Registration(np.eye(3), 1.0)
@@ -30,15 +30,20 @@ class FrameRegistrar:
 
     def register(self, frame: Frame, telemetry: TelemetrySample) -> Registration:
         """Return the motion since the reference picture; `reason` says why it is lost."""
-        told = self._told(telemetry)
-        predicted = None
-        if told is not None and self._reference is not None:
-            predicted = self._reference.H_px_enu @ told.H_enu_px
-            predicted = predicted / predicted[2, 2]
-        result = self._registration.register(frame.luma, frame.t_s, None, predicted)
+        result = self._registration.register(
+            frame.luma, frame.t_s, None, lambda: self._predicted(telemetry)
+        )
         if result.epoch != self._epoch and not result.reason:
-            self._epoch, self._reference = result.epoch, told
+            self._epoch, self._reference = result.epoch, self._told(telemetry)
         return result
+
+    def _predicted(self, telemetry: TelemetrySample) -> Floats | None:
+        """Return the motion since the reference picture that telemetry reports, H_ref_frame."""
+        told = self._told(telemetry)
+        if told is None or self._reference is None:
+            return None
+        H = self._reference.H_px_enu @ told.H_enu_px
+        return np.asarray(H / H[2, 2])
 
     def _told(self, telemetry: TelemetrySample) -> GroundMapping | None:
         if self._telemetry is None:

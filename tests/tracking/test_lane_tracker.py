@@ -222,6 +222,18 @@ def test_two_cars_that_follow_closely_stay_two() -> None:
     assert len(tracks) == 2
 
 
+def test_who_stops_dead_is_who_came() -> None:
+    road = Road()
+    ids = set()
+    for step in range(90):
+        at, speed = min(1.0 + 2.4 * step, 120.0), 24.0 if step < 50 else 0.0
+        tracks = road.see((1, at, at + 4.6), flows=[(1, at, at + 4.6, speed)])
+        ids |= {tracks.ids[i] for i in confirmed(tracks)}
+    assert ids == {1}
+    assert rear(tracks) == pytest.approx(120.0, abs=0.3)
+    assert tracks.velocity_mps[0, 0] == pytest.approx(0.0, abs=0.1)
+
+
 def test_half_a_car_does_not_shrink_it() -> None:
     road = Road()
     for step in range(60):

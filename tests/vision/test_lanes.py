@@ -13,12 +13,10 @@ from queuetail.types import Band, Floats, Image, LaneDetections, Masks
 from queuetail.vision.lanes import (
     LEAN_HEIGHT_M,
     LaneDetector,
-    bridged,
     dark_ends,
-    fill_outlines,
     footprints,
-    silled,
 )
+from queuetail.vision.outlines import bridged, fill_outlines, silled
 
 ROAD = band()
 

@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from queuetail.geo.ground import enu_to_px
+from queuetail.tracking.lane_sight import flow_mps, follow_flow, is_hidden
 from queuetail.tracking.lane_vehicle import (
     FIRST_SPEED_SIGMA_MPS,
     LEAST_BODY,
@@ -26,6 +27,8 @@ from queuetail.tracking.lane_vehicle import (
     owns,
     same_place,
     shared,
+    stopped_dead,
+    that_fit,
     without_doubles,
 )
 from queuetail.tracking.parts import joined_parts, merge_followers
@@ -49,13 +52,9 @@ COLD_START_S = 2.0
 ENTRY_M = 20.0  # from the upstream end of what is seen, where vehicles may first show up
 APPARITION_S = 6.0
 COAST_S, TENTATIVE_COAST_S = 1.2, 0.25  # without a trace in the picture
-HIDDEN_SHARE = 0.5  # of a vehicle's length, for it to be hidden
 HIDDEN_S, HIDDEN_DRIVING_S = 60.0, 3.0  # behind a tall vehicle that stands, or that drives
 DRIVING_MPS = 4.0
-FLOW_SIGMA_MPS, FLOW_GATE_MPS, FLOW_GATE_SIGMAS = 0.4, 2.0, 3.0
-FLOW_FIRST_SIGMA_MPS = 1.5
-RESTING_MPS, RESTING_SIGMA_MPS = 0.3, 0.2
-FLOW_SHARE = 0.25  # of a vehicle's length whose motion is known
+FLOW_FIRST_SIGMA_MPS = 1.0  # at the least, of a newcomer: it may be something else that moves there
 CONTRAST_RATE = 0.2
 STAIN_CONTRAST, MIN_STANDING_M = 0.17, 2.8
 SHADE_HIDDEN_S = 3.0
@@ -98,7 +97,8 @@ class LaneTracker:
         measured = _by_lane(points)
         left: list[Interval] = []
         for key in sorted(set(lanes) | set(measured)):
-            left += self._update_lane(key, measured.get(key, []), scene.t_s, dt_s)
+            sight = points.sights.get(key)
+            left += self._update_lane(key, measured.get(key, []), sight, scene.t_s, dt_s)
         left = self._changed_lanes([i for i in left if not i.shadow], scene.t_s)
         for interval in left:
             begin_m = points.spans.get(interval.approach, (-np.inf, np.inf))[0]
@@ -108,16 +108,31 @@ class LaneTracker:
         return self._tracks(scene)
 
     def _update_lane(
-        self, key: tuple[int, int], intervals: list[Interval], t_s: float, dt_s: float
+        self,
+        key: tuple[int, int],
+        intervals: list[Interval],
+        sight: LaneSight | None,
+        t_s: float,
+        dt_s: float,
     ) -> list[Interval]:
         """Correct one lane's vehicles; return the intervals that nobody claims."""
         vehicles = sorted(
             (v for v in self._vehicles if (v.approach, v.lane) == key), key=lambda v: v.rear_m
         )
         unclaimed = []
-        for interval in joined_parts(vehicles, intervals):
+        intervals = joined_parts(vehicles, intervals)
+        for interval in intervals:
             inside = [v for v in vehicles if owns(v, interval, t_s)]
-            inside = inside[:1] or [v for v in vehicles if overlaps(v, interval)]
+            inside = inside[:1] or that_fit(
+                [v for v in vehicles if overlaps(v, interval)], interval
+            )
+            if not any(v.confirmed for v in inside):
+                flow = flow_mps(sight, interval.rear_m, interval.front_m)
+                stands = flow is not None and abs(flow[0]) < STANDING_MPS
+                crashed = stopped_dead(vehicles, interval, intervals, t_s) if stands else None
+                if crashed is not None:
+                    crashed.restart(interval.rear_m, 0.0, FLOW_FIRST_SIGMA_MPS)
+                    inside = [crashed]
             if not inside:
                 unclaimed.append(interval)
                 continue
@@ -126,6 +141,7 @@ class LaneTracker:
             else:
                 correct_many(inside, interval)
             for vehicle in inside:
+                vehicle.seen_at_m = interval.rear_m
                 vehicle.contrast += CONTRAST_RATE * (interval.contrast - vehicle.contrast)
                 vehicle.body += CONTRAST_RATE * (interval.body - vehicle.body)
                 vehicle.hits += 1
@@ -160,6 +176,7 @@ class LaneTracker:
                 continue
             vehicle = max(beside, key=lambda v: v.hits)
             vehicle.lane = interval.lane
+            vehicle.seen_at_m = interval.rear_m
             correct_one(vehicle, interval, 0.0)
             vehicle.hits += 1
             vehicle.seen_s = t_s
@@ -187,10 +204,10 @@ class LaneTracker:
                 own = max(own, TYPICAL_LENGTH_M)
                 rear = interval.front_m - own
             sight = sights.get((interval.approach, interval.lane))
-            seen_mps = flow_mps(sight, rear, rear + own)
+            flow = flow_mps(sight, rear, rear + own)
             speed, sigma = self._speed_around(interval, rear)
-            if seen_mps is not None:
-                speed, sigma = max(seen_mps, 0.0), FLOW_FIRST_SIGMA_MPS
+            if flow is not None:
+                speed, sigma = max(flow[0], 0.0), max(flow[1], FLOW_FIRST_SIGMA_MPS)
             self._vehicles.append(
                 LaneVehicle(
                     self._next_id,
@@ -306,48 +323,6 @@ class LaneTracker:
             sigma_m=np.sqrt(np.array([v.var_station for v in rows])),
             length_m=np.array([v.length_m for v in rows]),
         )
-
-
-def follow_flow(vehicle: LaneVehicle, sight: LaneSight | None) -> None:
-    """Correct a vehicle's speed by how the picture moves where it is, unless that is another's."""
-    speed_mps = flow_mps(sight, vehicle.rear_m, vehicle.front_m)
-    if speed_mps is None or speed_mps < -RESTING_MPS:
-        return None
-    if abs(speed_mps) < RESTING_MPS and vehicle.speed_mps < STANDING_MPS:
-        # Still is still: noise that is cut off at 0 would make it creep.
-        return vehicle.correct_speed(0.0, RESTING_SIGMA_MPS)
-    gate_mps = FLOW_GATE_MPS + FLOW_GATE_SIGMAS * float(np.sqrt(vehicle.var_speed))
-    if abs(speed_mps - vehicle.speed_mps) < gate_mps:
-        vehicle.correct_speed(speed_mps, FLOW_SIGMA_MPS)
-    return None
-
-
-def flow_mps(sight: LaneSight | None, rear_m: float, front_m: float) -> float | None:
-    """Return how fast the picture moves between two stations; None where too little tells."""
-    if sight is None:
-        return None
-    first, last = _columns(sight, rear_m, front_m)
-    speeds = sight.speed_mps[first:last]
-    known = speeds[np.isfinite(speeds)]
-    if not len(known) or len(known) < FLOW_SHARE * len(speeds):
-        return None
-    return float(np.partition(known, len(known) // 2)[len(known) // 2])
-
-
-def is_hidden(sight: LaneSight | None, rear_m: float, front_m: float) -> bool:
-    """Tell whether a tall vehicle stands before most of a stretch of lane."""
-    if sight is None:
-        return False
-    first, last = _columns(sight, rear_m, front_m)
-    hidden = sight.hidden[first:last]
-    return bool(len(hidden)) and float(hidden.mean()) >= HIDDEN_SHARE
-
-
-def _columns(sight: LaneSight, rear_m: float, front_m: float) -> tuple[int, int]:
-    """Return the first column of a stretch, and the one after its last."""
-    first = int((rear_m - sight.start_m) / sight.step_m)
-    last = int((front_m - sight.start_m) / sight.step_m) + 1
-    return max(first, 0), max(last, 0)
 
 
 def _looks_like_a_vehicle(thing: LaneVehicle, slack: float = 1.0) -> bool:

@@ -7,7 +7,7 @@ Bar-Shalom, Li & Kirubarajan 2001, section 6.2); length and offset are averaged 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -24,11 +24,38 @@ LENGTH_STEP_M = 3.2  # longer than known by this much for a while: another vehic
 ALIKE, SURE_S = 0.15, 1.5  # lengths that agree, and for how long before one is sure
 PART = 0.7  # of a known length: what is shorter is a part of the vehicle
 CAR_LENGTH_M = 6.5
+DEAD_STOP_S, ALIKE_LENGTH = 0.5, 0.4
+FULL = 0.75  # of the lengths of all vehicles in an interval: in less they are not all there
+REVERSE_MPS = 1.5  # what is faster drives the wrong way
 STANDING_MPS = 0.7
+ENOUGH_WAY_M, STANDS = 3.0, 0.3  # an end that moved less of the way stands, if the other did not
 LEAST_BODY, SURE_BODY = 0.15, 0.4  # share that is more than shade: below all may be, above not
 MOVED_M, SHADE_MOVED_M = 2.5, 12.0  # a tree's shadow sways, and goes nowhere
 SHADE_KNOWN_S, SHADE_SWAY_M = 1.5, 1.5
 LENGTH_RATE, OFFSET_RATE = 0.15, 0.08
+
+
+@dataclass(slots=True)
+class SeenEnds:
+    """Which ends of a vehicle's interval stand while it drives: the edges of what hides it."""
+
+    way_m: float = 0.0  # that it drove since its ends were noted
+    rear_m: float | None = None
+    front_m: float | None = None
+    rear_stands: bool = False
+    front_stands: bool = False
+
+    def note(self, rear_m: float, front_m: float) -> None:
+        """Compare the ends with those before, once the vehicle drove far enough."""
+        if self.rear_m is None or self.front_m is None:
+            self.rear_m, self.front_m, self.way_m = rear_m, front_m, 0.0
+        way_m = self.way_m
+        if way_m < ENOUGH_WAY_M:
+            return
+        rear_share, front_share = (rear_m - self.rear_m) / way_m, (front_m - self.front_m) / way_m
+        self.rear_stands = abs(rear_share) < STANDS and abs(front_share - 1) < STANDS
+        self.front_stands = abs(front_share) < STANDS and abs(rear_share - 1) < STANDS
+        self.rear_m, self.front_m, self.way_m = rear_m, front_m, 0.0
 
 
 @dataclass(slots=True)
@@ -49,12 +76,14 @@ class LaneVehicle:
     length_known: bool = False
     hits: int = 1
     seen_s: float = 0.0
+    seen_at_m: float = 0.0  # its interval's rear, then
     whole_s: float = 0.0  # for how long its length was seen alike
     longer_s: float = 0.0
     follows_s: float = 0.0  # for how long it has been nearer to the one ahead than anybody drives
     apparition: bool = False  # came out of nothing in mid-view, and has not moved since
     mark: bool = False  # stands where others have driven through: a stain, until it moves
     way_m: float = 0.0  # the farthest that it was from where it was born
+    ends: SeenEnds = field(default_factory=SeenEnds)
     contrast: float = 0.0  # of its interval, as a share of the road's brightness
     body: float = 1.0  # share of its interval that shows more than cast shadow
     born_at_m: float = 0.0
@@ -81,12 +110,18 @@ class LaneVehicle:
 
     def predict(self, dt_s: float) -> None:
         self.rear_m += self.speed_mps * dt_s
+        self.ends.way_m += self.speed_mps * dt_s
         q = ACCELERATION_MPS2**2 * dt_s
         self.var_station += dt_s * (2 * self.covar + dt_s * self.var_speed) + q * dt_s**2 / 3
         self.covar += dt_s * self.var_speed + q * dt_s / 2
         self.var_speed += q
-        # Nobody reverses on a carriageway: what seems to is noise, and would add up.
-        self.speed_mps = max(self.speed_mps, 0.0)
+        if -REVERSE_MPS < self.speed_mps < 0.0:
+            self.speed_mps = 0.0  # nobody reverses: what seems to is noise, and would add up
+
+    def restart(self, rear_m: float, speed_mps: float, sigma_mps: float) -> None:
+        """Forget how it moved: it is here now."""
+        self.rear_m, self.speed_mps = rear_m, speed_mps
+        self.var_station, self.covar, self.var_speed = END_SIGMA_M**2, 0.0, sigma_mps**2
 
     def correct(self, rear_m: float, sigma_m: float) -> None:
         innovation = rear_m - self.rear_m
@@ -132,6 +167,7 @@ class Interval:
 
 def correct_one(vehicle: LaneVehicle, interval: Interval, dt_s: float) -> list[Interval]:
     """Correct a vehicle that has an interval to itself; return what else must be inside it."""
+    interval = _without_edges(vehicle, interval)
     length = interval.front_m - interval.rear_m
     rear_gap = abs(interval.rear_m - vehicle.rear_m)
     front_gap = abs(interval.front_m - vehicle.front_m)
@@ -182,6 +218,21 @@ def correct_one(vehicle: LaneVehicle, interval: Interval, dt_s: float) -> list[I
         vehicle.correct(interval.rear_m, END_SIGMA_M)
         vehicle.length_m = max(vehicle.length_m, length)
     return []
+
+
+def _without_edges(vehicle: LaneVehicle, interval: Interval) -> Interval:
+    """Take an end that stands while the vehicle drives for the edge of a bridge, not its own."""
+    ends = vehicle.ends
+    ends.note(interval.rear_m, interval.front_m)
+    if not (ends.rear_stands or ends.front_stands):
+        return interval
+    if ends.rear_stands and vehicle.whole_s < SURE_S:
+        vehicle.length_known = False
+    return replace(
+        interval,
+        cut_rear=interval.cut_rear or ends.rear_stands,
+        cut_front=interval.cut_front or ends.front_stands,
+    )
 
 
 def correct_many(vehicles: Sequence[LaneVehicle], interval: Interval) -> None:
@@ -243,6 +294,37 @@ def overlaps(vehicle: LaneVehicle, interval: Interval) -> bool:
     if shared(vehicle, interval) >= 0.4:
         return True
     return not vehicle.confirmed and -overlap_m(vehicle, interval) < min(vehicle.gate_m(), 6.0)
+
+
+def that_fit(vehicles: list[LaneVehicle], interval: Interval) -> list[LaneVehicle]:
+    """Leave out what is not believed yet where an interval is too short for all of them."""
+    room_m = interval.front_m - interval.rear_m
+    if len(vehicles) < 2 or room_m > FULL * sum(v.length_m for v in vehicles):
+        return vehicles
+    return [v for v in vehicles if v.confirmed] or vehicles
+
+
+def stopped_dead(
+    vehicles: Sequence[LaneVehicle],
+    interval: Interval,
+    intervals: Sequence[Interval],
+    t_s: float,
+) -> LaneVehicle | None:
+    """Return the vehicle of a lane that lost its interval, and must be this one.
+
+    Nobody brakes so hard, but who drives into another one stops so.
+    """
+    length_m = interval.front_m - interval.rear_m
+    lost = [
+        v
+        for v in vehicles
+        if v.confirmed
+        and 0 < t_s - v.seen_s <= DEAD_STOP_S
+        and v.seen_at_m - 1.0 < interval.rear_m < v.rear_m + 1.0
+        and abs(length_m - v.length_m) < ALIKE_LENGTH * v.length_m
+        and not any(overlaps(v, other) for other in intervals)
+    ]
+    return lost[0] if len(lost) == 1 else None
 
 
 def owns(thing: LaneVehicle, interval: Interval, t_s: float) -> bool:

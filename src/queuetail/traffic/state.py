@@ -30,7 +30,7 @@ from queuetail.types import (
     TrackState,
 )
 
-SLOW_S, FAST_S = 0.8, 1.0  # below or above the speed before a vehicle changes its mind: the
+SLOW_S, FAST_S = 0.95, 0.95  # below or above the speed before a vehicle changes its mind: the
 # definition's second, less what the tracker needs to see a braking
 RELEASE_FACTOR = 1.25
 JOINING_FACTOR = 1.15  # of the queue speed: from there down a vehicle may be queued in a moment
@@ -39,6 +39,7 @@ EDGE_M = 4.0  # nearer to the end of what is seen, a queue may go on beyond it
 WATCH_S = 1.0  # of road in view before it may be called clear: a queue takes as long to show
 BREAK_S = 0.5  # out of view after which watching begins anew
 ENTRY_M, STANDING_MPS = 3.0, 3.0
+REVERSE_MPS = 1.5
 FAR_INSIDE_M = 40.0  # where an end that was beyond the edge is surely in the picture
 CLEAR_HOLD_S = 0.4  # a queue is not over because of one bad frame
 FLOOR_SIGMA_M = 0.35
@@ -93,6 +94,8 @@ class QueueWatch:
         for i, (track_id, speed) in enumerate(zip(ids, speeds, strict=True)):
             if vehicles.tracks.states[i] is TrackState.TENTATIVE or not np.isfinite(speed):
                 continue
+            if speed < -REVERSE_MPS:
+                continue  # it does not head the approach's way
             begin_m = spans.get(int(vehicles.approach[i]), (-np.inf, np.inf))[0]
             if vehicles.rear_station_m[i] < begin_m + ENTRY_M and speed > STANDING_MPS:
                 continue

@@ -18,6 +18,7 @@ from queuetail.vision.shade import CastShade
 Picture = NDArray[np.float32]
 
 SETTLE_S = 0.6  # learning time while the model is young
+LEARN_EVERY_S = 0.15  # light and road change slowly
 LEARN_S = 6.0  # and later: slow enough to average noise, fast enough for moving light
 YOUNG_S = 3.0
 CHECK_S, STILL_S, STILL_LEVELS = 0.4, 4.0, 8.0  # for what differs but is no vehicle
@@ -124,12 +125,14 @@ class RoadBackground:
     def _learn(
         self, image: Image, foreign: Image, shade: Image, protect: Image, t_s: float
     ) -> None:
-        dt_s, self._last_s = max(t_s - self._last_s, 0.0), t_s
+        dt_s, young = max(t_s - self._last_s, 0.0), t_s - self._began_s < YOUNG_S
+        if dt_s < LEARN_EVERY_S and not young:
+            return
+        self._last_s = t_s
         self._covered = cv2.dilate(cv2.bitwise_or(foreign, protect), self._grow)
         seen = cv2.compare(image, 0, cv2.CMP_GT)
         free = cv2.bitwise_and(cv2.bitwise_not(self._covered), seen)
         cv2.bitwise_or(self._bare, free, dst=self._bare)
-        young = t_s - self._began_s < YOUNG_S
         rate = 1.0 - float(np.exp(-dt_s / (SETTLE_S if young else LEARN_S)))
         for number, band in enumerate(self._bands):
             part = np.s_[band.rows[0] : band.rows[1], : band.columns]

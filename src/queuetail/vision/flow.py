@@ -11,10 +11,9 @@ import math
 
 import cv2
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from queuetail.types import Band, Floats, RoadRaster
+from queuetail.types import Band, Floats, Image, RoadRaster
 
 FASTEST_MPS, BACKWARD_MPS = 42.0, 2.0  # what is searched; a little backward, so that 0 is no end
 HALF_WIDTH_M = 0.9  # of the lane's middle that is compared
@@ -25,7 +24,7 @@ LONGEST_S = 0.35  # between two pictures that are compared
 MOST_UNLIKE = 0.5  # mismatch at the best shift, as a share of that at the worst
 LEAST_TEXTURE = 4.0  # grey levels of mismatch at the worst shift
 
-Signature = NDArray[np.float32]
+Picture = NDArray[np.float32]
 
 
 class LaneFlow:
@@ -34,7 +33,7 @@ class LaneFlow:
     def __init__(self) -> None:
         self._plan = -1
         self._t_s = -math.inf
-        self._before: list[Signature] = []
+        self._before: list[Image] = []
 
     def measure(self, raster: RoadRaster) -> list[Floats]:
         """Return for every band the speed (lanes, columns) in m/s; NaN where nothing tells it.
@@ -49,44 +48,78 @@ class LaneFlow:
             return [
                 np.full((len(b.lane_rows), b.columns), np.nan, np.float32) for b in raster.bands
             ]
-        return [_speeds(a, b, raster.px_per_m, dt_s) for a, b in zip(now, before, strict=True)]
+        return [
+            _speeds(a, b, raster.px_per_m, dt_s, band.visible_columns)
+            for a, b, band in zip(now, before, raster.bands, strict=True)
+        ]
 
 
-def _signatures(raster: RoadRaster, band: Band) -> Signature:
-    """Return each lane's brightness along the road, in strips: (lanes, STRIPS, columns)."""
+def _signatures(raster: RoadRaster, band: Band) -> Image:
+    """Return each lane's brightness along the road, in strips: (lanes · STRIPS, columns)."""
     lean = float(band.lean_px[:, 1].mean()) * MIDDLE_HEIGHT_M
     half = HALF_WIDTH_M * raster.px_per_m
-    rows = []
-    for row in band.lane_rows:
+    height = band.rows[1] - band.rows[0]
+    strips = np.empty((len(band.lane_rows) * STRIPS, band.columns), np.uint8)
+    for lane, row in enumerate(band.lane_rows):
         top = max(round(row + lean - half), 0)
-        bottom = min(max(round(row + lean + half), top + STRIPS), band.rows[1] - band.rows[0])
-        top = min(top, bottom - STRIPS)
-        lane = raster.image[band.rows[0] + top : band.rows[0] + bottom, : band.columns]
-        rows.append(cv2.resize(lane, (band.columns, STRIPS), interpolation=cv2.INTER_AREA))
-    return np.array(rows, np.float32)
+        bottom = min(max(round(row + lean + half), top + STRIPS), height)
+        rows = slice(band.rows[0] + min(top, bottom - STRIPS), band.rows[0] + bottom)
+        strips[lane * STRIPS : (lane + 1) * STRIPS] = cv2.resize(
+            raster.image[rows, : band.columns],
+            (band.columns, STRIPS),
+            interpolation=cv2.INTER_AREA,
+        )
+    return strips
 
 
-def _speeds(now: Signature, before: Signature, px_per_m: float, dt_s: float) -> Floats:
-    """Return the speed at every column of every lane, (lanes, columns)."""
-    lanes, _, columns = now.shape
-    backward = math.ceil(BACKWARD_MPS * dt_s * px_per_m)
-    forward = math.ceil(FASTEST_MPS * dt_s * px_per_m)
+def _speeds(
+    now: Image, before: Image, px_per_m: float, dt_s: float, visible: tuple[int, int]
+) -> Floats:
+    """Return the speed at every column of every lane, (lanes, columns).
+
+    Nothing is told of where the picture does not show all that may have come there.
+    """
+    rows, columns = now.shape
+    lanes = rows // STRIPS
+    backward = min(math.ceil(BACKWARD_MPS * dt_s * px_per_m), columns - 1)
+    forward = min(math.ceil(FASTEST_MPS * dt_s * px_per_m), columns - 1)
     count = backward + forward + 1
-    # Shift s compares column x with column x − s of the picture before.
-    padded = np.pad(before, ((0, 0), (0, 0), (forward, backward)), mode="edge")
-    shifted = sliding_window_view(padded, columns, axis=2)[:, :, ::-1]
-    unlike = np.abs(now[:, :, None] - shifted).sum(axis=1) / STRIPS  # (lanes, count, columns)
+    padded = cv2.copyMakeBorder(before, 0, 0, forward, backward, cv2.BORDER_REPLICATE)
+    unlike = np.empty((count, rows, columns), np.uint8)
+    for i, shift in enumerate(range(-backward, forward + 1)):
+        # Column x is compared with column x − shift of the picture before.
+        since = forward - shift
+        cv2.absdiff(now, padded[:, since : since + columns], dst=unlike[i])
+    speeds = _best(_smoothed(unlike, lanes, px_per_m), backward, px_per_m * dt_s)
+    speeds[:, : visible[0] + forward] = np.nan
+    speeds[:, max(visible[1] - backward, 0) :] = np.nan
+    return speeds
+
+
+def _smoothed(unlike: Image, lanes: int, px_per_m: float) -> Picture:
+    """Return the mismatch (shifts, lanes, columns), averaged over a lane's strips and a window."""
+    count, _, columns = unlike.shape
+    strips = unlike.reshape(count * lanes, STRIPS, columns)
+    total = cv2.add(strips[:, 0], strips[:, 1], dtype=cv2.CV_32F)
+    for strip in range(2, STRIPS):
+        cv2.add(total, strips[:, strip], dst=total, dtype=cv2.CV_32F)
     window = 2 * round(WINDOW_M * px_per_m / 2) + 1
-    unlike = cv2.blur(unlike.reshape(lanes * count, columns), (window, 1))
-    unlike = unlike.reshape(lanes, count, columns)
-    best = unlike.argmin(axis=1)
-    inner = np.clip(best, 1, count - 2)
-    at = np.stack([inner - 1, inner, inner + 1], axis=1)
-    less, least, more = np.moveaxis(np.take_along_axis(unlike, at, axis=1), 1, 0)
-    # Mismatch of absolute values is a valley with straight sides.
+    smooth = cv2.boxFilter(total, cv2.CV_32F, (window, 1), normalize=True)
+    smooth /= STRIPS
+    return np.asarray(smooth.reshape(count, lanes, columns))
+
+
+def _best(unlike: Picture, backward: int, px_per_mps: float) -> Floats:
+    """Return the speed of least mismatch, (lanes, columns); NaN where no shift stands out."""
+    count = len(unlike)
+    best = unlike.argmin(axis=0)
+    inner = np.clip(best, 1, max(count - 2, 1))
+    at = np.stack([inner - 1, inner, np.minimum(inner + 1, count - 1)])
+    less, least, more = np.take_along_axis(unlike, at, axis=0)
+    # The mismatch of absolute values is a valley with straight sides.
     slope = np.maximum(np.maximum(less, more) - least, 1e-6)
     shift = inner - backward + np.clip((less - more) / (2 * slope), -0.5, 0.5)
-    worst = unlike.max(axis=1)
+    worst = unlike.max(axis=0)
     known = (least < MOST_UNLIKE * worst) & (worst > LEAST_TEXTURE)
     known &= (best > 0) & (best < count - 1)
-    return np.where(known, shift / (px_per_m * dt_s), np.nan).astype(np.float32)
+    return np.where(known, shift / px_per_mps, np.nan).astype(np.float32)

@@ -13,16 +13,18 @@ from numpy.typing import NDArray
 
 from queuetail.types import Band, Bools, Floats, Image, LaneDetections, Masks, RoadRaster
 from queuetail.vision.flow import LaneFlow
-from queuetail.vision.occlusion import CORE_M, LEAST_LEAN_M, ROOF_M, LaneRows, lane_rows
+from queuetail.vision.occlusion import ROOF_M, LaneRows, lane_rows
+from queuetail.vision.outlines import (
+    BRIDGE_M,
+    CLOSE_M,
+    bridged,
+    fill_outlines,
+    sill_line,
+    silled,
+    under_sill,
+)
 
 MIN_COVER = 0.38  # of the core, for a column to belong to a vehicle
-CLOSE_M = 0.7  # holes in a vehicle (windscreens the colour of asphalt) up to this length
-UNDER_M, BRIDGE_M, UNBROKEN = 2.2, 2.6, 0.9  # across and along: the line of shade under a sill
-SILL_M, SILL_CLEAR_M, LEAST_SILL_M = (0.7, 1.5), 0.4, 3.5  # a truck's, from its lane's middle
-LONGEST_M = 19.5
-JOIN_M = 0.5  # breaks in an outline
-HOLE_WIDTH_M = 2.2  # across the road: the widest hole that is filled, a vehicle's body
-TRUCK_HOLE_M, TRUCK_HOLE_WIDTH_M, TRUCK_HOLE_SHARE = (4.0, 17.0), 4.5, 0.5
 MIN_LENGTH_M = 2.0
 LEAN_HEIGHT_M = 1.1  # bonnets and boots: what every vehicle stands above its footprint
 TALL_LENGTH_M = 6.5  # longer vehicles throw longer shadows
@@ -60,6 +62,7 @@ class BandMasks:
 
     silhouettes: Image  # what is not road, without holes, cast shadow included
     standing: Image  # the part of it that stands on the road
+    bodies: Image  # and of that what is no cast shadow
     bright: Image  # brighter than road
     body: Image  # not road and not cast shadow
     dark: Image  # not road and not brighter
@@ -93,6 +96,7 @@ class LaneDetector:
             seen = BandMasks(
                 silhouettes=filled,
                 standing=standing,
+                bodies=cv2.bitwise_and(standing, body),
                 bright=masks.bright[part],
                 body=body,
                 dark=cv2.bitwise_and(masks.foreign[part], cv2.bitwise_not(masks.bright[part])),
@@ -142,22 +146,16 @@ class LaneDetector:
     ) -> list[Interval]:
         middle = band.lane_rows[lane - 1]
         cover = visible.cover(seen.standing, seen.silhouettes) / 255
-        shine = visible.cover(seen.bright) / 255
-        solid = visible.cover(seen.body) / 255
+        on = _standing_columns(cover, seen, band, middle, px_per_m)
+        edges = np.flatnonzero(on[1:] != on[:-1]) + 1
+        if not len(edges) and not on[0]:
+            return []
+        sure = visible.cover(seen.body if seen.shaded else seen.bright) / 255
+        solid = sure if seen.shaded else visible.cover(seen.body) / 255
+        bounds = [*([0] if on[0] else []), *edges.tolist(), *([len(on)] if on[-1] else [])]
         begin, end = band.visible_columns
-        on = (cover >= MIN_COVER).astype(np.uint8)[None]
-        on[:, :begin] = 0
-        on[:, end:] = 0
-        width = 2 * (max(round(CLOSE_M * px_per_m), 1) // 2) + 1
-        on = cv2.morphologyEx(on, cv2.MORPH_CLOSE, np.ones((1, width), np.uint8))[0]
-        half = UNDER_M / 2 * px_per_m
-        sill = seen.dark[max(round(middle - half), 0) : round(middle + half) + 1]
-        under: Bools = np.any(sill, axis=0)
-        on = bridged(on, under, BRIDGE_M * px_per_m)
-        on = silled(on, _sill_line(seen.dark, seen.silhouettes, band, middle, px_per_m), px_per_m)
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], on, [0]])))
         found: list[Interval] = []
-        for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        for first, last in zip(bounds[::2], bounds[1::2], strict=True):
             cut = (
                 first <= begin + 1 or bool(visible.hidden[first - 1]),
                 last >= end - 1 or bool(visible.hidden[last]),
@@ -165,33 +163,38 @@ class LaneDetector:
             if last - first < MIN_LENGTH_M * px_per_m and not any(cut):
                 continue
             ends = _crossing(cover, first, -1), _crossing(cover, last, +1)
-            shadowed = (
-                dark_ends(solid[first:last], BODY_COVER, BODY_SHARE)
-                if seen.shaded
-                else dark_ends(shine[first:last], BRIGHT_COVER, BRIGHT_SHARE)
-            )
-            ends = self._shadows.without(ends, shadowed, cut, px_per_m)
+            limits = (BODY_COVER, BODY_SHARE) if seen.shaded else (BRIGHT_COVER, BRIGHT_SHARE)
+            dark = dark_ends(sure[first:last], *limits)
+            ends = self._shadows.without(ends, dark, cut, px_per_m)
             share = float((solid[first:last] >= BODY_COVER).mean())
-            row = middle
             roof = float(visible.partly[first:last].mean()) >= MOSTLY_PARTLY
+            row = middle
             if roof:
                 # What shows is the roof, which appears farther along the road by its lean.
                 block = min(int(first / band.columns * len(band.lean_px)), len(band.lean_px) - 1)
                 lean = float(band.lean_px[block][0]) * (ROOF_M - LEAN_HEIGHT_M / 2)
                 ends = ends[0] - lean, ends[1] - lean
             else:
-                body = share >= BODY_SHARE
-                shown = cv2.bitwise_and(seen.standing, seen.body) if body else seen.standing
+                shown = seen.bodies if share >= BODY_SHARE else seen.standing
                 row = _middle_row(shown, band, middle, first, last)
-            core = seen.contrast[
-                max(round(middle - CORE_M / 2 * px_per_m), 0) : round(
-                    middle + CORE_M / 2 * px_per_m
-                )
-                + 1,
-                first:last,
-            ]
-            found.append(Interval(number, lane, *ends, row, cut, float(core.mean()), share, roof))
+            contrast = float(seen.contrast[visible.core[0] : visible.core[1], first:last].mean())
+            found.append(Interval(number, lane, *ends, row, cut, contrast, share, roof))
         return found
+
+
+def _standing_columns(
+    cover: Floats, seen: BandMasks, band: Band, middle: float, px_per_m: float
+) -> Image:
+    """Return which columns (n,) of a lane something stands on: its cover, and what joins it."""
+    on = (cover >= MIN_COVER).astype(np.uint8)[None]
+    begin, end = band.visible_columns
+    on[:, :begin] = 0
+    on[:, end:] = 0
+    width = 2 * (max(round(CLOSE_M * px_per_m), 1) // 2) + 1
+    closed = cv2.morphologyEx(on, cv2.MORPH_CLOSE, np.ones((1, width), np.uint8))[0]
+    joined = bridged(closed, under_sill(seen.dark, middle, px_per_m), BRIDGE_M * px_per_m)
+    line = sill_line(seen.dark, seen.silhouettes, band, middle, px_per_m)
+    return silled(joined, line, px_per_m)
 
 
 class CastShadows:
@@ -251,64 +254,6 @@ def dark_ends(shown: Floats, cover: float, share: float) -> tuple[float, float] 
     return float(body[0]), float(len(shown) - 1 - body[-1])
 
 
-def bridged(on: Image, under: Bools, longest: float) -> Image:
-    """Join runs of columns (n,) that are `on` where a dark line goes on from one to the next.
-
-    A body the colour of asphalt shows its windows, and the line of shade along its sill.
-    """
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], on, [0]])))
-    joined = on.copy()
-    for end, begin in zip(edges[1:-1:2].tolist(), edges[2::2].tolist(), strict=True):
-        if begin - end <= longest and under[end:begin].mean() >= UNBROKEN:
-            joined[end:begin] = 1
-    return joined
-
-
-def silled(on: Image, sill: Bools, px_per_m: float) -> Image:
-    """Join or lengthen runs of columns (n,) that are `on` along an unbroken sill, up to a truck.
-
-    A trailer the colour of asphalt shows its cab or its rear, and the line of shade along its side.
-    """
-    joint = 2 * (max(round(CLOSE_M * px_per_m), 1) // 2) + 1
-    closed = cv2.morphologyEx(
-        sill.astype(np.uint8)[None], cv2.MORPH_CLOSE, np.ones((1, joint), np.uint8)
-    )[0]
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], closed, [0]])))
-    joined = on.copy()
-    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        if not LEAST_SILL_M * px_per_m <= last - first <= LONGEST_M * px_per_m:
-            continue
-        whole = joined.copy()
-        whole[first:last] = 1
-        begin, end = first, last
-        while begin > 0 and (whole[begin - 1] or joined[max(begin - joint, 0) : begin].any()):
-            begin -= 1
-        while end < len(whole) and (whole[end] or joined[end : end + joint].any()):
-            end += 1
-        touches = joined[begin : first + joint].any() or joined[last - joint : end].any()
-        if touches and end - begin <= LONGEST_M * px_per_m:
-            joined[begin:end] = 1
-    return joined
-
-
-def _sill_line(dark: Image, filled: Image, band: Band, middle: float, px_per_m: float) -> Bools:
-    """Return at which columns something dark runs along a lane's near side, and nothing beside it.
-
-    The near side is the camera's; from straight above it may be either.
-    """
-    lean = float(band.lean_px[:, 1].mean()) / px_per_m
-    half = max(SILL_CLEAR_M * px_per_m, 1.0)
-    clear = filled[max(round(middle - half), 0) : round(middle + half) + 1]
-    found = np.zeros(dark.shape[1], np.bool_)
-    for side in (1, -1):
-        if side * lean > LEAST_LEAN_M:
-            continue
-        near, far = sorted(middle + side * reach * px_per_m for reach in SILL_M)
-        line = dark[max(round(near), 0) : round(far) + 1]
-        found |= np.any(line, axis=0)
-    return found & ~np.any(clear, axis=0)
-
-
 def mark_shadows(intervals: Sequence[Interval], reach: float) -> None:
     """Mark the intervals of one band that show only shade, beside or near a body that casts it."""
     bodies = [i for i in intervals if i.body >= BODY_SHARE]
@@ -319,42 +264,6 @@ def mark_shadows(intervals: Sequence[Interval], reach: float) -> None:
             and caster.front > interval.rear - reach
             for caster in bodies
         )
-
-
-def fill_outlines(foreign: Image, px_per_m: float, lean: float = 0.0) -> tuple[Image, Image]:
-    """Fill what an outline encloses, a body the colour of asphalt; -> the whole, what was filled.
-
-    Columns are closed across the road, where the two sides of a car's outline are a car apart; the
-    sides of trucks are farther, so what their outline encloses altogether is filled as well.
-    `lean` is the row by which what is a metre high is displaced.
-    """
-    join = 2 * (max(round(JOIN_M * px_per_m), 1) // 2) + 1
-    joined = cv2.morphologyEx(foreign, cv2.MORPH_CLOSE, np.ones((join, join), np.uint8))
-    across = 2 * (max(round(HOLE_WIDTH_M * px_per_m), 1) // 2) + 1
-    closed = cv2.morphologyEx(joined, cv2.MORPH_CLOSE, np.ones((across, 1), np.uint8))
-    filled = enclosed(joined, px_per_m, lean)
-    return cv2.bitwise_or(closed, filled), filled
-
-
-def enclosed(outlines: Image, px_per_m: float, lean: float) -> Image:
-    """Return (255) the holes in outlines that are as long and as wide as a truck's body.
-
-    Where trucks lean out of the picture, its edge is the fourth side.
-    """
-    holes = cv2.bitwise_not(outlines)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(holes, connectivity=4)
-    rows, columns = outlines.shape
-    left, top, width, height, area = (stats[:, i] for i in range(5))
-    inside = (left > 0) & (left + width < columns)
-    inside &= (lean < 0) | (top > 0)
-    inside &= (lean > 0) | (top + height < rows)
-    inside &= (width >= TRUCK_HOLE_M[0] * px_per_m) & (width <= TRUCK_HOLE_M[1] * px_per_m)
-    inside &= (height >= 0.8 * px_per_m) & (height <= TRUCK_HOLE_WIDTH_M * px_per_m)
-    inside &= area >= TRUCK_HOLE_SHARE * width * height
-    inside[0] = False
-    if not inside.any():
-        return np.zeros_like(outlines)
-    return np.asarray(np.where(inside, np.uint8(255), np.uint8(0))[labels])
 
 
 def footprints(solid: Image, lean_px: Floats) -> Image:

@@ -48,11 +48,12 @@ class LaneRows:
         at = np.flatnonzero(self.partly)
         if not len(at):
             return np.asarray(mean)
-        beyond = (mask if silhouettes is None else silhouettes)[:, at]
-        above = np.zeros((len(mask) + 1, len(at)), np.float32)
-        np.cumsum(beyond, axis=0, dtype=np.float32, out=above[1:])
         top, bottom, columns = self.top[at], self.bottom[at], np.arange(len(at))
-        total = above[bottom, columns] - above[top, columns]
+        first, last = int(top.min()), int(bottom.max())
+        beyond = (mask if silhouettes is None else silhouettes)[first:last, at]
+        above = np.zeros((len(beyond) + 1, len(at)), np.float32)
+        np.cumsum(beyond, axis=0, dtype=np.float32, out=above[1:])
+        total = above[bottom - first, columns] - above[top - first, columns]
         mean[at] = np.where(self.hidden[at], 0.0, total / np.maximum(bottom - top, 1))
         return np.asarray(mean)
 
@@ -124,12 +125,12 @@ def _reach(
     if not 0 <= begin < len(solid) or size >= solid.shape[1]:
         return None
     outward = solid[begin:] if away > 0 else solid[begin::-1]
+    tall_px = (TALL_M + TALL_LEAN * lean_m - START_M) * px_per_m
+    if int(tall_px) >= len(outward) or np.count_nonzero(outward[int(tall_px)]) < size:
+        return None
     run = np.logical_and.accumulate(outward > 0, axis=0).sum(axis=0).astype(np.float32)[None]
     if low is not None:
         run[0, low] = 0.0
-    tall_px = (TALL_M + TALL_LEAN * lean_m - START_M) * px_per_m
-    if np.count_nonzero(run > tall_px) < size:
-        return None
     smooth = cv2.morphologyEx(run, cv2.MORPH_OPEN, np.ones((1, size), np.uint8))
     if smooth.max() <= tall_px:
         return None

@@ -9,7 +9,8 @@ as they are in view again.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import cache
 
 import cv2
 import numpy as np
@@ -48,6 +49,13 @@ CLOSE_PX = 1.5  # guesses that were this close need no pyramid
 ORB_FEATURES = 600
 
 
+Told = Callable[[], Floats | None]  # what telemetry says of a motion, when it is asked
+
+
+def nothing_told() -> None:
+    """Say nothing of the motion."""
+
+
 class GroundRegistration:
     """Measures the motion of one video's pictures, `width_px` × `height_px`."""
 
@@ -68,7 +76,7 @@ class GroundRegistration:
         self._anchors: list[Anchor] = []
         self._current = 0
         self._track: list[tuple[float, Floats]] = []  # the last two (t_s, H_frame_ref)
-        self._told: Floats | None = None  # H_frame_ref of telemetry at the last good picture
+        self._told: Told = nothing_told  # H_frame_ref of telemetry at the last good picture
         self._miss_px = np.inf
         self._housekept_s = -np.inf
         self._searched_s = -np.inf
@@ -80,12 +88,13 @@ class GroundRegistration:
         luma: Image,
         t_s: float,
         moving_px: Floats | None = None,
-        predicted: Floats | None = None,
+        predicted: Told = nothing_told,
     ) -> Registration:
         """Return the motion of a picture taken at `t_s` seconds; quality 0 when it is lost.
 
         `moving_px` is the road, one polygon (n, 2) or several (k, n, 2) in this picture's pixels,
-        where features would ride on vehicles; `predicted` is telemetry's H_ref_frame, a guess.
+        where features would ride on vehicles; `predicted` gives telemetry's H_ref_frame, a guess
+        that is asked for only where the motion so far gives none that fits.
         Raises ValueError for a picture of another size.
         """
         if (luma.shape[1], luma.shape[0]) != self._size:
@@ -98,7 +107,7 @@ class GroundRegistration:
         picture = normalised(self._small(luma))
         if not self._anchors:
             return self._start(picture, t_s, moving_px)
-        told = None if predicted is None else self._small_frame_ref(predicted)
+        told = cache(lambda: self._small_frame_ref(predicted()))
         fit = self._found(picture, t_s, told)
         if not fit.good:
             return self._lost(picture, t_s, moving_px, fit)
@@ -122,7 +131,9 @@ class GroundRegistration:
             return small
         return cv2.resize(small, self._working, interpolation=cv2.INTER_LINEAR)
 
-    def _small_frame_ref(self, H_ref_frame: Floats) -> Floats | None:
+    def _small_frame_ref(self, H_ref_frame: Floats | None) -> Floats | None:
+        if H_ref_frame is None:
+            return None
         H = self._H_small_px @ H_ref_frame @ self._H_px_small
         if not np.isfinite(H).all() or abs(np.linalg.det(H)) < 1e-12:
             return None
@@ -144,7 +155,7 @@ class GroundRegistration:
         anchor.H_anchor_ref = anchor.H_ref_anchor = np.eye(3)
         self._anchors, self._current = [anchor], 0
         self._track = [(t_s, np.eye(3))]
-        self._told, self._candidate = None, None
+        self._told, self._candidate = nothing_told, None
         self._miss_px = np.inf
         return Registration(np.eye(3), 1.0, epoch=self._epoch)
 
@@ -168,7 +179,7 @@ class GroundRegistration:
             cv2.fillPoly(mask, [np.rint(corners).astype(np.int32)], 255)
         return mask
 
-    def _found(self, picture: Picture, t_s: float, told: Floats | None) -> Fit:
+    def _found(self, picture: Picture, t_s: float, told: Told) -> Fit:
         """Find the present anchor near the likeliest guess, then the others, then anywhere."""
         anchor = self._anchors[self._current]
         best = NOTHING
@@ -189,25 +200,29 @@ class GroundRegistration:
                 return found
         return best
 
-    def _guesses(self, t_s: float, told: Floats | None) -> Iterator[Floats]:
-        """Yield where the reference may be: motion goes on, as telemetry says, or it stopped."""
+    def _guesses(self, t_s: float, told: Told) -> Iterator[Floats]:
+        """Yield where the reference may be, the likeliest first, none of them twice."""
+        last = self._track[-1][1]
+        tried: list[Floats] = []
+        for guess in self._all_guesses(t_s, told):
+            if not tried or self._differs(guess, tried, last):
+                tried.append(guess)
+                yield guess / guess[2, 2]
+
+    def _all_guesses(self, t_s: float, told: Told) -> Iterator[Floats]:
+        """Motion goes on, or is as telemetry says, or it stopped."""
         last_t_s, last = self._track[-1]
-        guesses = []
         if len(self._track) == 2:
             before_t_s, before = self._track[0]
             step_s, was_s = t_s - last_t_s, last_t_s - before_t_s
             if was_s > 0 and 0 < step_s < 2 * was_s:
-                guesses.append(last @ _inverse(before) @ last)
-        if told is not None and self._told is not None:
-            guesses.append(told @ _inverse(self._told) @ last)
-        guesses.append(last)
-        if told is not None:
-            guesses.append(told)
-        tried: list[Floats] = []
-        for guess in guesses:
-            if not tried or self._differs(guess, tried, last):
-                tried.append(guess)
-                yield guess / guess[2, 2]
+                yield last @ _inverse(before) @ last
+        now, then = told(), self._told()
+        if now is not None and then is not None:
+            yield now @ _inverse(then) @ last
+        yield last
+        if now is not None:
+            yield now
 
     def _differs(self, guess: Floats, tried: list[Floats], last: Floats) -> bool:
         """Whether a guess puts a corner of the last picture far from where the others do."""

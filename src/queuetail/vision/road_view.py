@@ -23,6 +23,7 @@ from queuetail.types import (
     RoadPoints,
     RoadRaster,
 )
+from queuetail.vision.flow import MIDDLE_HEIGHT_M
 from queuetail.vision.foot import camera_above_ground
 from queuetail.vision.strip import (
     StripBand,
@@ -33,7 +34,8 @@ from queuetail.vision.strip import (
     visible_columns,
 )
 
-RECHECK_S = 0.25  # how often it is looked at what the picture shows
+RECHECK_S = 0.2  # how often it is looked at what the picture shows,
+HARDLY_PX, RECHECK_STILL_S = 3.0, 2.0  # but less often while it hardly moves
 LEAN_BLOCKS = 12  # along a band: the lean changes slowly
 # Of a followed vehicle: approach, lane, stations of its rear and front, whether it is surely a car.
 Footprint = tuple[int, int, float, float, bool]
@@ -50,12 +52,14 @@ class RoadView:
         self._image = np.zeros((0, 0), np.uint8)
         self._bands: tuple[Band, ...] = ()
         self._checked_s = -np.inf
+        self._height_m = np.inf  # of the camera above the road
+        self._corners_enu: Floats | None = None  # of the lower half of the picture, then
 
     def render(
         self, frame: Frame, mapping: GroundMapping, approaches: tuple[Approach, ...]
     ) -> RoadRaster:
         """Return the raster of this frame; its image is overwritten by the next call."""
-        if approaches is not self._approaches or frame.t_s - self._checked_s >= RECHECK_S:
+        if approaches is not self._approaches or self._has_moved(frame, mapping):
             self._lay_out(frame, mapping, approaches)
         if self._plan is None:
             return RoadRaster(self._image, 1.0, (), self._serial, approaches, t_s=frame.t_s)
@@ -146,12 +150,14 @@ class RoadView:
     def _sights(self, detections: LaneDetections) -> dict[tuple[int, int], LaneSight]:
         strips = self._plan.bands if self._plan else ()
         sights = {}
+        # What is seen of a vehicle is nearer to the camera than the road, and seems to move faster.
+        slower = 1.0 - MIDDLE_HEIGHT_M / max(self._height_m, 10.0)
         for strip, speeds, hidden in zip(
             strips, detections.speed_mps, detections.hidden, strict=False
         ):
             for lane, (speed, hides) in enumerate(zip(speeds, hidden, strict=True), 1):
                 sights[strip.approach_index, lane] = LaneSight(
-                    strip.start_station_m, strip.metres_per_px, speed, hides
+                    strip.start_station_m, strip.metres_per_px, speed * slower, hides
                 )
         return sights
 
@@ -165,11 +171,23 @@ class RoadView:
                 spans[strip.approach_index] = (float(ends[0]), float(ends[1]))
         return spans
 
+    def _has_moved(self, frame: Frame, mapping: GroundMapping) -> bool:
+        """Tell whether the picture shows enough else than when it was last looked at."""
+        since_s = frame.t_s - self._checked_s
+        if since_s < RECHECK_S:
+            return False
+        if since_s >= RECHECK_STILL_S or self._corners_enu is None:
+            return True
+        width, height = frame.size
+        moved = apply_homography(mapping.H_px_enu, self._corners_enu) - _corners(width, height)
+        return not bool((np.abs(moved) < HARDLY_PX).all())
+
     def _lay_out(
         self, frame: Frame, mapping: GroundMapping, approaches: tuple[Approach, ...]
     ) -> None:
         """Refresh what is visible, and plan anew where the picture now shows other road."""
         self._checked_s = frame.t_s
+        self._corners_enu = apply_homography(mapping.H_enu_px, _corners(*frame.size))
         known = approaches is self._approaches
         resolution = self._plan.metres_per_px if known and self._plan else None
         plan = plan_strip(approaches, mapping, frame.size, resolution)
@@ -179,6 +197,7 @@ class RoadView:
             shape = (plan.rows, plan.columns) if plan else (0, 0)
             self._image = np.zeros(shape, np.uint8)
         camera = camera_above_ground(mapping)
+        self._height_m = camera[1]
         strips = self._plan.bands if self._plan else ()
         self._bands = tuple(_seen_band(b, mapping, frame.size, camera) for b in strips)
 
@@ -206,6 +225,11 @@ class RoadView:
         self._image[rows, columns] = cv2.warpPerspective(
             source, M, (tile.columns, band.rows), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         )
+
+
+def _corners(width: int, height: int) -> Floats:
+    """Return the corners of the lower half of a picture: what lies below every horizon."""
+    return np.array([[0.0, height / 2], [width, height / 2], [width, height], [0.0, height]])
 
 
 def _seen_band(

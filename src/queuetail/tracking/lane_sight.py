@@ -1,0 +1,65 @@
+"""What a lane shows beside its intervals, used by its vehicles: motion, and what is hidden."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from queuetail.tracking.lane_vehicle import STANDING_MPS, LaneVehicle
+from queuetail.types import LaneSight
+
+HIDDEN_SHARE = 0.5  # of a vehicle's length, for it to be hidden
+GATE_MPS, GATE_SIGMAS = 2.0, 3.0
+# Sigma of a lane's own motion by its median absolute spread along a vehicle, as it was measured.
+FLOW_SIGMA_MPS, FLOW_SPREAD, MOST_SPREAD_MPS = 0.15, 1.3, 2.0
+FLOW_SHARE = 0.25  # of a vehicle's length whose motion is known
+RESTING_MPS = 0.3
+
+
+def follow_flow(vehicle: LaneVehicle, sight: LaneSight | None) -> None:
+    """Correct a vehicle's speed by how the picture moves where it is, unless that is another's."""
+    flow = flow_mps(sight, vehicle.rear_m, vehicle.front_m)
+    if flow is None or flow[0] < -RESTING_MPS:
+        return
+    speed_mps, sigma_mps = flow
+    if abs(speed_mps) < RESTING_MPS and vehicle.speed_mps < STANDING_MPS:
+        # Still is still: noise that is cut off at 0 would make it creep.
+        speed_mps = 0.0
+    gate_mps = GATE_MPS + GATE_SIGMAS * float(np.sqrt(vehicle.var_speed))
+    if abs(speed_mps - vehicle.speed_mps) < gate_mps:
+        vehicle.correct_speed(speed_mps, sigma_mps)
+
+
+def flow_mps(sight: LaneSight | None, rear_m: float, front_m: float) -> tuple[float, float] | None:
+    """Return how fast the picture moves between two stations, and its sigma, in m/s.
+
+    None where too little tells, or where it tells too many things: a body moves as one.
+    """
+    if sight is None:
+        return None
+    first, last = _columns(sight, rear_m, front_m)
+    speeds = sight.speed_mps[first:last]
+    known = speeds[np.isfinite(speeds)]
+    if not len(known) or len(known) < FLOW_SHARE * len(speeds):
+        return None
+    half = len(known) // 2
+    middle = float(np.partition(known, half)[half])
+    spread = float(np.partition(np.abs(known - middle), half)[half])
+    if spread > MOST_SPREAD_MPS:
+        return None
+    return middle, FLOW_SIGMA_MPS + FLOW_SPREAD * spread
+
+
+def is_hidden(sight: LaneSight | None, rear_m: float, front_m: float) -> bool:
+    """Tell whether a tall vehicle stands before most of a stretch of lane."""
+    if sight is None:
+        return False
+    first, last = _columns(sight, rear_m, front_m)
+    hidden = sight.hidden[first:last]
+    return bool(len(hidden)) and float(hidden.mean()) >= HIDDEN_SHARE
+
+
+def _columns(sight: LaneSight, rear_m: float, front_m: float) -> tuple[int, int]:
+    """Return the first column of a stretch, and the one after its last."""
+    first = int((rear_m - sight.start_m) / sight.step_m)
+    last = int((front_m - sight.start_m) / sight.step_m) + 1
+    return max(first, 0), max(last, 0)

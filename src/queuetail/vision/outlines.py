@@ -1,0 +1,122 @@
+"""Bodies the colour of asphalt, told by their outlines: what they enclose, and their sills."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from queuetail.types import Band, Bools, Image
+from queuetail.vision.occlusion import LEAST_LEAN_M
+
+CLOSE_M = 0.7  # holes in a vehicle (windscreens the colour of asphalt) up to this length
+UNDER_M, BRIDGE_M, UNBROKEN = 2.2, 2.6, 0.9  # across and along: the line of shade under a sill
+SILL_M, SILL_CLEAR_M, LEAST_SILL_M = (0.7, 1.5), 0.4, 3.5  # a truck's, from its lane's middle
+LONGEST_M = 19.5
+JOIN_M = 0.5  # breaks in an outline
+HOLE_WIDTH_M = 2.2  # across the road: the widest hole that is filled, a vehicle's body
+TRUCK_HOLE_M, TRUCK_HOLE_WIDTH_M, TRUCK_HOLE_SHARE = (4.0, 17.0), 4.5, 0.5
+
+
+def bridged(on: Image, under: Bools, longest: float) -> Image:
+    """Join runs of columns (n,) that are `on` where a dark line goes on from one to the next.
+
+    A body the colour of asphalt shows its windows, and the line of shade along its sill.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], on, [0]])))
+    joined = on.copy()
+    for end, begin in zip(edges[1:-1:2].tolist(), edges[2::2].tolist(), strict=True):
+        if begin - end <= longest and under[end:begin].mean() >= UNBROKEN:
+            joined[end:begin] = 1
+    return joined
+
+
+def silled(on: Image, sill: Bools, px_per_m: float) -> Image:
+    """Join or lengthen runs of columns (n,) that are `on` along an unbroken sill, up to a truck.
+
+    A trailer the colour of asphalt shows its cab or its rear, and the line of shade along its side.
+    """
+    joint = 2 * (max(round(CLOSE_M * px_per_m), 1) // 2) + 1
+    closed = cv2.morphologyEx(
+        sill.astype(np.uint8)[None], cv2.MORPH_CLOSE, np.ones((1, joint), np.uint8)
+    )[0]
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], closed, [0]])))
+    joined = on.copy()
+    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        if not LEAST_SILL_M * px_per_m <= last - first <= LONGEST_M * px_per_m:
+            continue
+        whole = joined.copy()
+        whole[first:last] = 1
+        begin, end = first, last
+        while begin > 0 and (whole[begin - 1] or joined[max(begin - joint, 0) : begin].any()):
+            begin -= 1
+        while end < len(whole) and (whole[end] or joined[end : end + joint].any()):
+            end += 1
+        touches = joined[begin : first + joint].any() or joined[last - joint : end].any()
+        if touches and end - begin <= LONGEST_M * px_per_m:
+            joined[begin:end] = 1
+    return joined
+
+
+def under_sill(dark: Image, middle: float, px_per_m: float) -> Bools:
+    """Return at which columns something dark lies about a lane's middle: the shade of a sill."""
+    half = UNDER_M / 2 * px_per_m
+    rows = dark[max(round(middle - half), 0) : round(middle + half) + 1]
+    return np.asarray(np.any(rows, axis=0))
+
+
+def sill_line(dark: Image, filled: Image, band: Band, middle: float, px_per_m: float) -> Bools:
+    """Return at which columns something dark runs along a lane's near side, and nothing beside it.
+
+    The near side is the camera's; from straight above it may be either.
+    """
+    lean = float(band.lean_px[:, 1].mean()) / px_per_m
+    half = max(SILL_CLEAR_M * px_per_m, 1.0)
+    clear = filled[max(round(middle - half), 0) : round(middle + half) + 1]
+    found = np.zeros(dark.shape[1], np.bool_)
+    for side in (1, -1):
+        if side * lean > LEAST_LEAN_M:
+            continue
+        near, far = sorted(middle + side * reach * px_per_m for reach in SILL_M)
+        line = dark[max(round(near), 0) : round(far) + 1]
+        found |= np.any(line, axis=0)
+    return found & ~np.any(clear, axis=0)
+
+
+def fill_outlines(foreign: Image, px_per_m: float, lean: float = 0.0) -> tuple[Image, Image]:
+    """Fill what an outline encloses, a body the colour of asphalt; -> the whole, what was filled.
+
+    Columns are closed across the road, where the two sides of a car's outline are a car apart; the
+    sides of trucks are farther, so what their outline encloses altogether is filled as well.
+    `lean` is the row by which what is a metre high is displaced.
+    """
+    join = 2 * (max(round(JOIN_M * px_per_m), 1) // 2) + 1
+    joined = cv2.morphologyEx(foreign, cv2.MORPH_CLOSE, np.ones((join, join), np.uint8))
+    across = 2 * (max(round(HOLE_WIDTH_M * px_per_m), 1) // 2) + 1
+    closed = cv2.morphologyEx(joined, cv2.MORPH_CLOSE, np.ones((across, 1), np.uint8))
+    filled = enclosed(joined, px_per_m, lean)
+    return cv2.bitwise_or(closed, filled), filled
+
+
+def enclosed(outlines: Image, px_per_m: float, lean: float) -> Image:
+    """Return (255) the holes in outlines that are as long and as wide as a truck's body.
+
+    Where trucks lean out of the picture, its edge is the fourth side.
+    """
+    # Half the size shows a truck's body as well; no outline breaks when its pixels spread first.
+    small = cv2.dilate(outlines, np.ones((2, 2), np.uint8))[::2, ::2]
+    px_per_m /= 2
+    holes = cv2.bitwise_not(small)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(holes, connectivity=4)
+    rows, columns = small.shape
+    left, top, width, height, area = (stats[:, i] for i in range(5))
+    inside = (left > 0) & (left + width < columns)
+    inside &= (lean < 0) | (top > 0)
+    inside &= (lean > 0) | (top + height < rows)
+    inside &= (width >= TRUCK_HOLE_M[0] * px_per_m) & (width <= TRUCK_HOLE_M[1] * px_per_m)
+    inside &= (height >= 0.8 * px_per_m) & (height <= TRUCK_HOLE_WIDTH_M * px_per_m)
+    inside &= area >= TRUCK_HOLE_SHARE * width * height
+    inside[0] = False
+    if not inside.any():
+        return np.zeros_like(outlines)
+    bodies = np.where(inside, np.uint8(255), np.uint8(0))[labels]
+    return np.asarray(cv2.resize(bodies, outlines.shape[::-1], interpolation=cv2.INTER_NEAREST))
