@@ -22,6 +22,7 @@ from queuetail.config import Site, read_site
 from queuetail.errors import InputError
 from queuetail.flight import Flight, open_flight
 from queuetail.geo.earth import geodetic_from_enu
+from queuetail.interrupt import held_interrupts
 from queuetail.live.clock_offset import OffsetWatch
 from queuetail.pipeline import Pipeline
 from queuetail.presets import DEFAULT_PRESET, PRESETS
@@ -140,18 +141,21 @@ def process(
     """Drive every frame through the pipeline into the sinks; True at the end after Ctrl-C."""
     frames, last_s, done_s = 0, 0.0, -math.inf
     try:
-        for frame in flight.frames():
-            watch.lap("decode")
-            last_s = frame.t_s
-            if frame.t_s - done_s < pipeline.interval_s - CLOCK_SLACK_S:
-                continue
-            done_s = frame.t_s
-            observation = pipeline.step(frame, flight.telemetry_at(frame.t_s))
-            for sink in sinks:
-                sink.write(frame, observation)
-            watch.lap("sinks")
-            frames += 1
-            progress(observation)
+        with held_interrupts() as asked:
+            for frame in flight.frames():
+                watch.lap("decode")
+                last_s = frame.t_s
+                if frame.t_s - done_s < pipeline.interval_s - CLOCK_SLACK_S:
+                    continue
+                done_s = frame.t_s
+                observation = pipeline.step(frame, flight.telemetry_at(frame.t_s))
+                for sink in sinks:
+                    sink.write(frame, observation)
+                watch.lap("sinks")
+                frames += 1
+                progress(observation)
+                if asked():
+                    return frames, last_s, True
     except KeyboardInterrupt:
         return frames, last_s, True
     return frames, last_s, False

@@ -109,7 +109,7 @@ def test_a_write_that_the_system_refuses_leaves_files_that_can_be_read(
         recorder.close()
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert len(answers) == 91
+    assert len(answers) == 61
     assert "its disk is full (File too large)" in why
     assert sum(m.topic == "/run" for m in read_mcap(next(recorder.folder.glob("data-*.mcap")))) == 1
 
@@ -181,7 +181,7 @@ def test_answers_without_a_picture_are_kept(tmp_path: Path, about: RunAbout, fla
     (data,) = recorder.folder.glob("data-*.mcap")
     last = [m.record for m in read_mcap(data) if m.topic == "/answer"][-1]
     assert (last["number"], last["of_frame"]) == (99, False)
-    assert shown[-1].utc - START_UTC < timedelta(seconds=0.3)
+    assert shown[-1].utc - START_UTC <= timedelta(seconds=0.3)
 
 
 def test_a_kill_costs_a_second_at_most(tmp_path: Path) -> None:

@@ -234,12 +234,22 @@ def test_who_stops_dead_is_who_came() -> None:
     assert tracks.velocity_mps[0, 0] == pytest.approx(0.0, abs=0.1)
 
 
+def test_a_dark_car_is_believed_between_standing_ones_only() -> None:
+    """What is all shade may be a tree's; as long as a car, before and behind one, it is a car."""
+    road = Road()
+    row = [(1, 100.0, 104.6), (1, 107.0, 111.6, 0.5, 0.05), (1, 114.0, 118.6)]
+    alone = (1, 93.0, 97.6, 0.5, 0.05)
+    for _ in range(30):
+        tracks = road.see(alone, *row)
+    assert sorted(round(rear(tracks, i)) for i in confirmed(tracks)) == [100, 107, 114]
+
+
 def test_half_a_car_does_not_shrink_it() -> None:
     road = Road()
     for step in range(60):
         at = min(1.0 + 2.0 * step, 60.0)
         road.see((1, at, at + 12.0))
-    for _ in range(50):
+    for _ in range(20):
         tracks = road.see((1, 60.0, 65.0))
     assert tracks.length_m[0] == pytest.approx(12.0, abs=0.8)
     assert rear(tracks) == pytest.approx(60.0, abs=0.5)

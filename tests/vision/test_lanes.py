@@ -294,7 +294,25 @@ def test_a_sill_leads_from_a_truck_s_cab_to_its_rear(
     assert (found[0], found[-1] + 1) == becomes
 
 
-def test_a_sill_joins_nothing_that_is_longer_than_a_truck() -> None:
+def test_a_line_that_is_longer_than_a_truck_is_no_sill() -> None:
     on, line = np.zeros(300, np.uint8), np.zeros(300, np.bool_)
-    on[80:120], line[20:80], on[10:20] = 1, True, 1
+    on[180:200], line[60:180] = 1, True
     assert (silled(on, line, PX_PER_M) == on).all()
+
+
+def test_a_dark_car_that_is_known_is_not_its_neighbours_shadow() -> None:
+    foreign, shade = empty(), empty()
+    foreign[car_box(ROAD, 1, 100)] = 255
+    foreign[car_box(ROAD, 1, 123)] = 255  # joined to the first, and as dark as a shadow
+    shade[car_box(ROAD, 1, 123)] = 255
+    masks, seen_road = masks_of(foreign, empty(), shade), raster(foreign, ROAD)
+    low = np.zeros((2, ROAD.columns), np.bool_)
+    low[0, 123:146] = True
+    alone = empty()
+    alone[car_box(ROAD, 1, 200, 46)] = 255
+    plain = masks_of(alone, empty(), np.where(shade > 0, 255, 0).astype(np.uint8))
+    detector = LaneDetector()
+    for _ in range(5):  # cars here throw no shadow along the road
+        detector.find(plain, seen_road)
+    assert detector.find(masks, seen_road).front_column.max() < 130
+    assert detector.find(masks, seen_road, (low,)).front_column.max() > 143

@@ -58,6 +58,7 @@ FLOW_FIRST_SIGMA_MPS = 1.0  # at the least, of a newcomer: it may be something e
 CONTRAST_RATE = 0.2
 STAIN_CONTRAST, MIN_STANDING_M = 0.17, 2.8
 SHADE_HIDDEN_S = 3.0
+CAR_M, ROW_GAP_M = (3.2, 6.5), 12.0
 SAME_PLACE = 0.45  # overlap, as a share of the shorter, at which one drives through the other
 
 
@@ -266,9 +267,32 @@ class LaneTracker:
                 thing.mark, thing.confirmed = True, False
                 self._driven.append(place)
 
+    def _find_rows(self) -> None:
+        """Mark what stands as long as a car between standing vehicles of its lane: a dark car.
+
+        With one before and one behind it, it is never the end of the queue by itself.
+        """
+        lanes: dict[tuple[int, int], list[LaneVehicle]] = {}
+        for v in self._vehicles:
+            if v.speed_mps < STANDING_MPS and (v.confirmed or v.only_shade):
+                lanes.setdefault((v.approach, v.lane), []).append(v)
+        for standing in lanes.values():
+            standing.sort(key=lambda v: v.rear_m)
+            for behind, v, ahead in zip(standing, standing[1:], standing[2:], strict=False):
+                gaps_m = v.rear_m - behind.front_m, ahead.rear_m - v.front_m
+                v.in_row |= (
+                    v.only_shade
+                    and v.hits >= CONFIRM_HITS
+                    and behind.confirmed
+                    and CAR_M[0] < v.length_m < CAR_M[1]
+                    and min(gaps_m) > 0.5
+                    and max(gaps_m) < ROW_GAP_M
+                )
+
     def _retire(self, points: RoadPoints, t_s: float) -> None:
         """Confirm what was seen often enough and let go of what left or was lost."""
         kept = []
+        self._find_rows()
         for v in self._vehicles:
             if v.hits <= CONFIRM_HITS:
                 v.born_at_m = v.rear_m  # until then it may slip along what it was first seen in
@@ -327,6 +351,8 @@ class LaneTracker:
 
 def _looks_like_a_vehicle(thing: LaneVehicle, slack: float = 1.0) -> bool:
     """Tell whether what has never moved may be a vehicle: stains are flat, shadows all dark."""
+    if thing.in_row:
+        return True
     marked = thing.contrast >= slack * STAIN_CONTRAST and thing.body >= slack * LEAST_BODY
     return marked and thing.length_m >= slack * MIN_STANDING_M
 

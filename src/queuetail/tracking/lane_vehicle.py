@@ -21,7 +21,9 @@ FIRST_SPEED_SIGMA_MPS = 15.0
 GATE_M, GATE_SIGMAS = 2.5, 3.5
 SMALLEST_GAP_M = 1.0
 LENGTH_STEP_M = 3.2  # longer than known by this much for a while: another vehicle is inside
+FAST_MPS = 8.0  # vehicles of one lane keep well apart
 ALIKE, SURE_S = 0.15, 1.5  # lengths that agree, and for how long before one is sure
+LONGEST_SURE_S, DOUBT = 3.0, 0.5  # at the most, and how fast that fades while only a part is seen
 PART = 0.7  # of a known length: what is shorter is a part of the vehicle
 CAR_LENGTH_M = 6.5
 DEAD_STOP_S, ALIKE_LENGTH = 0.5, 0.4
@@ -32,7 +34,7 @@ ENOUGH_WAY_M, STANDS = 3.0, 0.3  # an end that moved less of the way stands, if 
 LEAST_BODY, SURE_BODY = 0.15, 0.4  # share that is more than shade: below all may be, above not
 MOVED_M, SHADE_MOVED_M = 2.5, 12.0  # a tree's shadow sways, and goes nowhere
 SHADE_KNOWN_S, SHADE_SWAY_M = 1.5, 1.5
-LENGTH_RATE, OFFSET_RATE = 0.15, 0.08
+LENGTH_RATE, ROOF_LENGTH_RATE, OFFSET_RATE = 0.15, 0.03, 0.08
 
 
 @dataclass(slots=True)
@@ -77,11 +79,14 @@ class LaneVehicle:
     hits: int = 1
     seen_s: float = 0.0
     seen_at_m: float = 0.0  # its interval's rear, then
-    whole_s: float = 0.0  # for how long its length was seen alike
+    whole_s: float = 0.0  # for how long its length was seen alike, at speed
     longer_s: float = 0.0
     follows_s: float = 0.0  # for how long it has been nearer to the one ahead than anybody drives
     apparition: bool = False  # came out of nothing in mid-view, and has not moved since
     mark: bool = False  # stands where others have driven through: a stain, until it moves
+    in_row: bool = (
+        False  # stands between vehicles of its lane, as long as a car: none but a car does
+    )
     way_m: float = 0.0  # the farthest that it was from where it was born
     ends: SeenEnds = field(default_factory=SeenEnds)
     contrast: float = 0.0  # of its interval, as a share of the road's brightness
@@ -99,14 +104,19 @@ class LaneVehicle:
         return self.confirmed and self.length_known and self.length_m < CAR_LENGTH_M
 
     @property
+    def length_sure(self) -> bool:
+        """Whether its length was seen so often that a part of it is taken for a part."""
+        return self.whole_s > SURE_S
+
+    @property
     def moved(self) -> bool:
         """Whether it went a way, as only vehicles do."""
         return self.way_m > (MOVED_M if self.body >= LEAST_BODY else SHADE_MOVED_M)
 
     @property
     def only_shade(self) -> bool:
-        """Whether it looks like a shadow and has not moved like a vehicle."""
-        return self.body < LEAST_BODY and not self.moved
+        """Whether it looks like a shadow, has not moved like a vehicle, and stands in no queue."""
+        return self.body < LEAST_BODY and not self.moved and not self.in_row
 
     def predict(self, dt_s: float) -> None:
         self.rear_m += self.speed_mps * dt_s
@@ -163,6 +173,7 @@ class Interval:
     body: float = 1.0  # share of it that shows more than cast shadow
     shadow: bool = False  # it is only the shadow of what is beside it
     roof: bool = False  # it is only what shows beyond a tall vehicle: its ends are rough
+    joined: bool = False  # of parts of one vehicle, its rear and its front among them
 
 
 def correct_one(vehicle: LaneVehicle, interval: Interval, dt_s: float) -> list[Interval]:
@@ -173,13 +184,7 @@ def correct_one(vehicle: LaneVehicle, interval: Interval, dt_s: float) -> list[I
     front_gap = abs(interval.front_m - vehicle.front_m)
     whole = not (interval.cut_rear or interval.cut_front)
     if interval.roof and vehicle.length_known:
-        if abs(length - vehicle.length_m) < CLEAN * vehicle.length_m:
-            middle = (interval.rear_m + interval.front_m - vehicle.length_m) / 2
-            vehicle.correct(middle, CLEAN_ROOF_SIGMA_M)
-        elif min(rear_gap, front_gap) < vehicle.gate_m():
-            by_rear = rear_gap <= front_gap
-            rear = interval.rear_m if by_rear else interval.front_m - vehicle.length_m
-            vehicle.correct(rear, ROOF_SIGMA_M)
+        _correct_by_roof(vehicle, interval, whole)
         return []
     vehicle.offset_m += OFFSET_RATE * (interval.offset_m - vehicle.offset_m)
     longer = length - vehicle.length_m
@@ -194,18 +199,19 @@ def correct_one(vehicle: LaneVehicle, interval: Interval, dt_s: float) -> list[I
         vehicle.longer_s = 0.0
         return [_remainder(interval, vehicle, by_rear)]
     vehicle.longer_s = 0.0
-    if whole and vehicle.whole_s > SURE_S and length < PART * vehicle.length_m:
+    if whole and vehicle.length_sure and length < PART * vehicle.length_m:
         # Only a part of it is seen: that tells of the end that it is at.
         by_rear = rear_gap <= front_gap
-        vehicle.correct(
-            interval.rear_m if by_rear else interval.front_m - vehicle.length_m, MERGED_SIGMA_M
-        )
+        rear = interval.rear_m if by_rear else interval.front_m - vehicle.length_m
+        vehicle.correct(rear, MERGED_SIGMA_M)
+        vehicle.whole_s -= DOUBT * dt_s
         return []
     if whole:
         if not vehicle.length_known:
             vehicle.length_m, vehicle.length_known = length, True
         alike = abs(length - vehicle.length_m) < ALIKE * vehicle.length_m
-        vehicle.whole_s = vehicle.whole_s + dt_s if alike else max(vehicle.whole_s - dt_s, 0.0)
+        if vehicle.speed_mps > FAST_MPS or interval.joined:  # in a crawl two cars look like a truck
+            vehicle.whole_s = min(vehicle.whole_s + (dt_s if alike else -dt_s), LONGEST_SURE_S)
         vehicle.length_m += LENGTH_RATE * (length - vehicle.length_m)
         vehicle.correct(interval.rear_m, END_SIGMA_M)
     elif interval.cut_rear:
@@ -220,13 +226,28 @@ def correct_one(vehicle: LaneVehicle, interval: Interval, dt_s: float) -> list[I
     return []
 
 
+def _correct_by_roof(vehicle: LaneVehicle, interval: Interval, whole: bool) -> None:
+    """Correct a vehicle by what shows beyond a truck: roughly, unless all of its roof does."""
+    length = interval.front_m - interval.rear_m
+    rear, front = interval.rear_m, interval.front_m - vehicle.length_m
+    if abs(length - vehicle.length_m) < CLEAN * vehicle.length_m:
+        vehicle.correct((rear + front) / 2, CLEAN_ROOF_SIGMA_M)
+        return
+    nearest = min(rear, front, key=lambda end_m: abs(end_m - vehicle.rear_m))
+    if abs(nearest - vehicle.rear_m) >= vehicle.gate_m():
+        return
+    vehicle.correct(nearest, ROOF_SIGMA_M)
+    if whole and length < PART * vehicle.length_m:
+        vehicle.length_m += ROOF_LENGTH_RATE * (length - vehicle.length_m)
+
+
 def _without_edges(vehicle: LaneVehicle, interval: Interval) -> Interval:
     """Take an end that stands while the vehicle drives for the edge of a bridge, not its own."""
     ends = vehicle.ends
     ends.note(interval.rear_m, interval.front_m)
     if not (ends.rear_stands or ends.front_stands):
         return interval
-    if ends.rear_stands and vehicle.whole_s < SURE_S:
+    if ends.rear_stands and not vehicle.length_sure:
         vehicle.length_known = False
     return replace(
         interval,

@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
-from queuetail.tracking.lane_vehicle import Interval, LaneVehicle, overlap_m
+from queuetail.tracking.lane_vehicle import FAST_MPS, SURE_S, Interval, LaneVehicle, overlap_m
 
 FOLLOWING_S = 0.4  # no driver keeps a shorter gap than he drives in so long,
-FAST_MPS, SAME_SPEED_MPS = 8.0, 1.5  # at such a speed, both alike,
-FOLLOWING_FOR_S = 0.6  # for so long
+SAME_SPEED_MPS = 1.5  # at speed, both alike,
+FOLLOWING_FOR_S = 0.8  # both of them seen, for so long
 LONGEST_M, LONG_M = 19.0, 6.5
 SLACK_M = 1.5  # by which a part may stick out of its vehicle
 OWN, OTHER = 0.6, 0.3  # shares of a part that lie in its vehicle, and in another at the most
@@ -22,7 +22,7 @@ OWN, OTHER = 0.6, 0.3  # shares of a part that lie in its vehicle, and in anothe
 
 def joined_parts(vehicles: Sequence[LaneVehicle], intervals: list[Interval]) -> list[Interval]:
     """Join the intervals of one lane that are parts of one known long vehicle."""
-    long_ones = [v for v in vehicles if v.confirmed and v.length_known and v.length_m > LONG_M]
+    long_ones = [v for v in vehicles if v.confirmed and v.length_sure and v.length_m > LONG_M]
     if not long_ones or len(intervals) < 2:
         return intervals
     joined: list[Interval] = []
@@ -39,6 +39,7 @@ def joined_parts(vehicles: Sequence[LaneVehicle], intervals: list[Interval]) -> 
                 body=max(last.body, interval.body),
                 shadow=last.shadow and interval.shadow,
                 roof=last.roof and interval.roof,
+                joined=True,
             )
         else:
             joined.append(interval)
@@ -58,6 +59,7 @@ def merge_followers(vehicles: list[LaneVehicle], dt_s: float) -> list[LaneVehicl
             continue
         gone.add(ahead.track_id)
         behind.length_m, behind.length_known = ahead.front_m - behind.rear_m, True
+        behind.whole_s = SURE_S + FOLLOWING_FOR_S
         if ahead.hits > behind.hits:
             behind.track_id, ahead.track_id = ahead.track_id, behind.track_id
             gone = (gone - {behind.track_id}) | {ahead.track_id}
@@ -79,7 +81,9 @@ def _follows_too_closely(behind: LaneVehicle, ahead: LaneVehicle) -> bool:
         and abs(behind.speed_mps - ahead.speed_mps) < SAME_SPEED_MPS
         and ahead.rear_m - behind.front_m < FOLLOWING_S * slower
         and ahead.front_m - behind.rear_m < LONGEST_M
-        and min(behind.hits, ahead.hits) >= 3
+        and behind.confirmed
+        and ahead.confirmed
+        and behind.seen_s == ahead.seen_s
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import queue
 from collections.abc import Generator, Iterable
+from contextlib import suppress
 from threading import Thread
 from typing import TypeVar
 
@@ -53,4 +54,7 @@ def ahead(items: Iterable[T], depth: int = DEPTH) -> Generator[T, None, None]:
             yield item  # type: ignore[misc]  # only the last entry has none
     finally:
         stopped.append(True)
+        with suppress(queue.Empty):  # so that it need not wait for room
+            while True:
+                waiting.get_nowait()
         maker.join()

@@ -105,7 +105,7 @@ class LaneDetector:
             )
             cars = low[number] if number < len(low) else None
             rows = lane_rows(cv2.bitwise_and(filled, body), band, raster.px_per_m, cars)
-            found += self._band(number, band, seen, rows, raster.px_per_m)
+            found += self._band(number, band, seen, rows, cars, raster.px_per_m)
             hidden.append(np.array([r.hidden for r in rows], np.bool_))
         for speed, hides in zip(speeds, hidden, strict=True):
             speed[hides] = np.nan
@@ -126,12 +126,19 @@ class LaneDetector:
         )
 
     def _band(
-        self, number: int, band: Band, seen: BandMasks, rows: Sequence[LaneRows], px_per_m: float
+        self,
+        number: int,
+        band: Band,
+        seen: BandMasks,
+        rows: Sequence[LaneRows],
+        cars: Bools | None,
+        px_per_m: float,
     ) -> list[Interval]:
         """Search one band's lanes."""
         found: list[Interval] = []
         for lane, visible in enumerate(rows, 1):
-            found += self._lane(number, band, lane, seen, visible, px_per_m)
+            known = None if cars is None else cars[lane - 1]
+            found += self._lane(number, band, lane, seen, visible, known, px_per_m)
         mark_shadows(found, SHADOW_REACH_M * px_per_m)
         return found
 
@@ -142,6 +149,7 @@ class LaneDetector:
         lane: int,
         seen: BandMasks,
         visible: LaneRows,
+        cars: Bools | None,
         px_per_m: float,
     ) -> list[Interval]:
         middle = band.lane_rows[lane - 1]
@@ -152,6 +160,8 @@ class LaneDetector:
             return []
         sure = visible.cover(seen.body if seen.shaded else seen.bright) / 255
         solid = sure if seen.shaded else visible.cover(seen.body) / 255
+        if cars is not None:
+            sure = np.where(cars, np.float32(1.0), sure)  # a dark car is not its neighbour's shadow
         bounds = [*([0] if on[0] else []), *edges.tolist(), *([len(on)] if on[-1] else [])]
         begin, end = band.visible_columns
         found: list[Interval] = []

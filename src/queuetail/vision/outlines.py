@@ -31,7 +31,7 @@ def bridged(on: Image, under: Bools, longest: float) -> Image:
 
 
 def silled(on: Image, sill: Bools, px_per_m: float) -> Image:
-    """Join or lengthen runs of columns (n,) that are `on` along an unbroken sill, up to a truck.
+    """Lengthen runs of columns (n,) that are `on` along an unbroken sill, as far as a truck's.
 
     A trailer the colour of asphalt shows its cab or its rear, and the line of shade along its side.
     """
@@ -42,18 +42,12 @@ def silled(on: Image, sill: Bools, px_per_m: float) -> Image:
     edges = np.flatnonzero(np.diff(np.concatenate([[0], closed, [0]])))
     joined = on.copy()
     for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        if not LEAST_SILL_M * px_per_m <= last - first <= LONGEST_M * px_per_m:
-            continue
-        whole = joined.copy()
-        whole[first:last] = 1
-        begin, end = first, last
-        while begin > 0 and (whole[begin - 1] or joined[max(begin - joint, 0) : begin].any()):
-            begin -= 1
-        while end < len(whole) and (whole[end] or joined[end : end + joint].any()):
-            end += 1
-        touches = joined[begin : first + joint].any() or joined[last - joint : end].any()
-        if touches and end - begin <= LONGEST_M * px_per_m:
-            joined[begin:end] = 1
+        begin, end = max(first - joint, 0), last + joint
+        before, after = np.flatnonzero(on[begin:first]), np.flatnonzero(on[last:end])
+        is_truck = LEAST_SILL_M * px_per_m <= last - first <= LONGEST_M * px_per_m
+        if is_truck and (len(before) or len(after)):
+            joined[begin + int(before[0]) if len(before) else first : last] = 1
+            joined[last : last + int(after[-1]) + 1 if len(after) else last] = 1
     return joined
 
 
