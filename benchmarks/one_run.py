@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from queuetail.config import read_site
 from queuetail.evaluate import evaluate, to_json
 from queuetail.run import run
 from queuetail.sim.scenario import Scenario, read_scenario
 from queuetail.types import Floats
 
-# Which preset a variant is, and whether it is told where the road is.
+# Which preset a variant is, and whether it is told where the road is, or the posted limit only.
 VARIANTS = {"road": ("road", True), "road-no-site": ("road", False), "paper": ("paper", True)}
 
 
@@ -26,11 +27,12 @@ def figures_of(flight: Path, variant: str, out: Path) -> dict[str, Any]:
     """Run and evaluate; return the evaluation and what pooling over the suite needs beside it."""
     preset, with_site = VARIANTS[variant]
     scenario = read_scenario(flight / "scenario.toml")
+    site = flight / "site.toml" if with_site else limit_only(flight / "site.toml", out)
     started = perf_counter()
     result = run(
         flight / "flight.mp4",
         flight / "telemetry.csv",
-        flight / "site.toml" if with_site else None,
+        site,
         preset,
         out,
         with_video=False,
@@ -47,6 +49,15 @@ def figures_of(flight: Path, variant: str, out: Path) -> dict[str, Any]:
         "track_rows": _rows(out / "tracks.csv"),
         **to_json(evaluation),
     }
+
+
+def limit_only(site: Path, out: Path) -> Path:
+    """Write a site file that says no more than the posted limit, which is what `queued` means."""
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / "limit.toml"
+    limit_mph = read_site(site).site.posted_speed_mph
+    path.write_text("" if limit_mph is None else f"[site]\nposted_speed_mph = {limit_mph:g}\n")
+    return path
 
 
 def is_exact(scenario: Scenario) -> bool:

@@ -18,7 +18,7 @@ BEGIN, END = "<!-- suite:begin -->", "<!-- suite:end -->"
 NOTHING = "–"
 TITLES = {
     "road": "Preset `road`, with telemetry and site file",
-    "road-no-site": "Preset `road`, telemetry only: the road is found from the traffic",
+    "road-no-site": "Preset `road`, told the posted limit only: the road is found from the traffic",
     "paper": "Preset `paper`, with telemetry and site file",
 }
 HEADING = (

@@ -116,6 +116,15 @@ def rear(tracks: Tracks, i: int = 0) -> float:
     return float(tracks.enu[i, 0] - tracks.length_m[i] / 2)
 
 
+def braked(t_s: float, stop_m: float, speed_mps: float = 10.0) -> tuple[float, float]:
+    """Return where a car is at `t_s` and how fast: it brakes at 5 m/s² up to its stop."""
+    braking_s = speed_mps / 5
+    rest_s = max(stop_m / speed_mps + braking_s / 2 - t_s, 0.0)
+    if rest_s > braking_s:
+        return speed_mps * t_s, speed_mps
+    return stop_m - 2.5 * rest_s**2, 5 * rest_s
+
+
 def test_a_driving_car_is_confirmed_soon_and_measured_well() -> None:
     road, rng = Road(), np.random.default_rng(0)
     ids = set()
@@ -207,7 +216,7 @@ def test_a_trailer_that_shows_only_its_ends_is_one_truck() -> None:
     """Its cab and its rear drive a third of a second apart, as no two vehicles do, then queue."""
     road = Road()
     for step in range(150):
-        at = min(1.0 + 2.0 * step, 130.0)
+        at, _ = braked(step / 10, 130.0, 20.0)
         tracks = road.see((2, at, at + 3.5), (2, at + 11.0, at + 15.0))
     assert len(tracks) == 1
     assert tracks.length_m[0] == pytest.approx(15.0, abs=0.8)
@@ -327,12 +336,6 @@ def test_the_lane_s_own_motion_tells_a_newcomer_s_speed_at_once() -> None:
     flows = [(1, 100.0, 104.6, 17.0)]
     tracks = road.see((1, 100.0, 104.6), flows=flows)
     assert tracks.velocity_mps[0, 0] == pytest.approx(17.0, abs=0.5)
-
-
-def braked(t_s: float, stop_m: float) -> tuple[float, float]:
-    """Return where a car is at `t_s` and how fast: 10 m/s, braking at 5 m/s² up to its stop."""
-    rest_s = max(stop_m / 10 + 1.0 - t_s, 0.0)
-    return (10 * t_s, 10.0) if rest_s > 2.0 else (stop_m - 2.5 * rest_s**2, 5 * rest_s)
 
 
 def test_within_a_merged_interval_each_vehicle_goes_its_own_way() -> None:

@@ -296,7 +296,7 @@ def test_a_sill_leads_from_a_truck_s_cab_to_its_rear(
 
 def test_a_line_that_is_longer_than_a_truck_is_no_sill() -> None:
     on, line = np.zeros(300, np.uint8), np.zeros(300, np.bool_)
-    on[180:200], line[60:180] = 1, True
+    on[180:200], line[50:180] = 1, True
     assert (silled(on, line, PX_PER_M) == on).all()
 
 

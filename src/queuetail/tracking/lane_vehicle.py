@@ -20,11 +20,12 @@ MERGED_SIGMA_M = 1.0  # of an end that is shared with another vehicle
 FIRST_SPEED_SIGMA_MPS = 15.0
 GATE_M, GATE_SIGMAS = 2.5, 3.5
 SMALLEST_GAP_M = 1.0
-LENGTH_STEP_M = 3.2  # longer than known by this much for a while: another vehicle is inside
+# Longer than known by this much for a while: another vehicle is inside, the shortest with its gap.
+LENGTH_STEP_M = 4.4
 FAST_MPS = 8.0  # vehicles of one lane keep well apart
 ALIKE, SURE_S = 0.15, 1.5  # lengths that agree, and for how long before one is sure
 LONGEST_SURE_S, DOUBT = 3.0, 0.5  # at the most, and how fast that fades while only a part is seen
-PART = 0.7  # of a known length: what is shorter is a part of the vehicle
+PART, JOINED_M = 0.7, 1.5  # of a sure length: what is shorter is a part, what is longer is joined
 CAR_LENGTH_M = 6.5
 DEAD_STOP_S, ALIKE_LENGTH = 0.5, 0.4
 FULL = 0.75  # of the lengths of all vehicles in an interval: in less they are not all there
@@ -180,8 +181,6 @@ def correct_one(vehicle: LaneVehicle, interval: Interval, dt_s: float) -> list[I
     """Correct a vehicle that has an interval to itself; return what else must be inside it."""
     interval = _without_edges(vehicle, interval)
     length = interval.front_m - interval.rear_m
-    rear_gap = abs(interval.rear_m - vehicle.rear_m)
-    front_gap = abs(interval.front_m - vehicle.front_m)
     whole = not (interval.cut_rear or interval.cut_front)
     if interval.roof and vehicle.length_known:
         _correct_by_roof(vehicle, interval, whole)
@@ -190,20 +189,15 @@ def correct_one(vehicle: LaneVehicle, interval: Interval, dt_s: float) -> list[I
     longer = length - vehicle.length_m
     if vehicle.length_known and longer > LENGTH_STEP_M:
         vehicle.longer_s += dt_s
-        by_rear = rear_gap <= front_gap
-        rear = interval.rear_m if by_rear else interval.front_m - vehicle.length_m
-        if min(rear_gap, front_gap) < vehicle.gate_m():
-            vehicle.correct(rear, MERGED_SIGMA_M)
+        by_rear = _correct_nearest_end(vehicle, interval)
         if vehicle.longer_s < 0.5:
             return []
         vehicle.longer_s = 0.0
         return [_remainder(interval, vehicle, by_rear)]
     vehicle.longer_s = 0.0
-    if whole and vehicle.length_sure and length < PART * vehicle.length_m:
-        # Only a part of it is seen: that tells of the end that it is at.
-        by_rear = rear_gap <= front_gap
-        rear = interval.rear_m if by_rear else interval.front_m - vehicle.length_m
-        vehicle.correct(rear, MERGED_SIGMA_M)
+    if whole and vehicle.length_sure and not -(1 - PART) * vehicle.length_m < longer < JOINED_M:
+        # A part of it, or joined to a part of something else: that tells of one end only.
+        _correct_nearest_end(vehicle, interval)
         vehicle.whole_s -= DOUBT * dt_s
         return []
     if whole:
@@ -224,6 +218,17 @@ def correct_one(vehicle: LaneVehicle, interval: Interval, dt_s: float) -> list[I
         vehicle.correct(interval.rear_m, END_SIGMA_M)
         vehicle.length_m = max(vehicle.length_m, length)
     return []
+
+
+def _correct_nearest_end(vehicle: LaneVehicle, interval: Interval) -> bool:
+    """Correct a vehicle by the end of an interval that is nearest its own; tell if by the rear."""
+    rear_gap = interval.rear_m - vehicle.rear_m
+    front_gap = interval.front_m - vehicle.front_m
+    by_rear = abs(rear_gap) <= abs(front_gap)
+    gap = rear_gap if by_rear else front_gap
+    if abs(gap) < vehicle.gate_m():
+        vehicle.correct(vehicle.rear_m + gap, MERGED_SIGMA_M)
+    return by_rear
 
 
 def _correct_by_roof(vehicle: LaneVehicle, interval: Interval, whole: bool) -> None:

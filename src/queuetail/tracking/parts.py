@@ -15,7 +15,7 @@ from queuetail.tracking.lane_vehicle import FAST_MPS, SURE_S, Interval, LaneVehi
 FOLLOWING_S = 0.4  # no driver keeps a shorter gap than he drives in so long,
 SAME_SPEED_MPS = 1.5  # at speed, both alike,
 FOLLOWING_FOR_S = 0.8  # both of them seen, for so long
-LONGEST_M, LONG_M = 19.0, 6.5
+LONGEST_M, LONG_M = 23.5, 6.5
 SLACK_M = 1.5  # by which a part may stick out of its vehicle
 OWN, OTHER = 0.6, 0.3  # shares of a part that lie in its vehicle, and in another at the most
 

@@ -126,10 +126,10 @@ class RoadBackground:
         self, image: Image, foreign: Image, shade: Image, protect: Image, t_s: float
     ) -> None:
         dt_s, young = max(t_s - self._last_s, 0.0), t_s - self._began_s < YOUNG_S
+        self._covered = cv2.dilate(cv2.bitwise_or(foreign, protect), self._grow)
         if dt_s < LEARN_EVERY_S and not young:
             return
         self._last_s = t_s
-        self._covered = cv2.dilate(cv2.bitwise_or(foreign, protect), self._grow)
         seen = cv2.compare(image, 0, cv2.CMP_GT)
         free = cv2.bitwise_and(cv2.bitwise_not(self._covered), seen)
         cv2.bitwise_or(self._bare, free, dst=self._bare)

@@ -11,10 +11,10 @@ from queuetail.vision.occlusion import LEAST_LEAN_M
 CLOSE_M = 0.7  # holes in a vehicle (windscreens the colour of asphalt) up to this length
 UNDER_M, BRIDGE_M, UNBROKEN = 2.2, 2.6, 0.9  # across and along: the line of shade under a sill
 SILL_M, SILL_CLEAR_M, LEAST_SILL_M = (0.7, 1.5), 0.4, 3.5  # a truck's, from its lane's middle
-LONGEST_M = 19.5
+LONGEST_M = 23.5
 JOIN_M = 0.5  # breaks in an outline
 HOLE_WIDTH_M = 2.2  # across the road: the widest hole that is filled, a vehicle's body
-TRUCK_HOLE_M, TRUCK_HOLE_WIDTH_M, TRUCK_HOLE_SHARE = (4.0, 17.0), 4.5, 0.5
+TRUCK_HOLE_M, TRUCK_HOLE_WIDTH_M, TRUCK_HOLE_SHARE = (4.0, 21.0), 4.5, 0.5
 
 
 def bridged(on: Image, under: Bools, longest: float) -> Image:
