@@ -217,7 +217,7 @@ def test_a_trailer_that_shows_only_its_ends_is_one_truck() -> None:
     road = Road()
     for step in range(150):
         at, _ = braked(step / 10, 130.0, 20.0)
-        tracks = road.see((2, at, at + 3.5), (2, at + 11.0, at + 15.0))
+        tracks = road.see((2, at, at + 4.5), (2, at + 11.0, at + 15.0))
     assert len(tracks) == 1
     assert tracks.length_m[0] == pytest.approx(15.0, abs=0.8)
     assert rear(tracks) == pytest.approx(130.0, abs=0.8)

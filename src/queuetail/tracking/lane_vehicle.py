@@ -198,7 +198,8 @@ def correct_one(vehicle: LaneVehicle, interval: Interval, dt_s: float) -> list[I
     if whole and vehicle.length_sure and not -(1 - PART) * vehicle.length_m < longer < JOINED_M:
         # A part of it, or joined to a part of something else: that tells of one end only.
         _correct_nearest_end(vehicle, interval)
-        vehicle.whole_s -= DOUBT * dt_s
+        if vehicle.speed_mps > STANDING_MPS:  # what stands is as long as it was
+            vehicle.whole_s -= DOUBT * dt_s
         return []
     if whole:
         if not vehicle.length_known:
@@ -211,12 +212,13 @@ def correct_one(vehicle: LaneVehicle, interval: Interval, dt_s: float) -> list[I
     elif interval.cut_rear:
         vehicle.correct(interval.front_m - vehicle.length_m, END_SIGMA_M)
         # What is longer than thought has its rear farther outside: that is no slowing down.
-        longer = max(length - vehicle.length_m, 0.0)
+        longer = 0.0 if vehicle.length_sure else max(length - vehicle.length_m, 0.0)
         vehicle.length_m += longer
         vehicle.rear_m -= longer
     else:
         vehicle.correct(interval.rear_m, END_SIGMA_M)
-        vehicle.length_m = max(vehicle.length_m, length)
+        if not vehicle.length_sure:
+            vehicle.length_m = max(vehicle.length_m, length)
     return []
 
 
@@ -250,9 +252,9 @@ def _without_edges(vehicle: LaneVehicle, interval: Interval) -> Interval:
     """Take an end that stands while the vehicle drives for the edge of a bridge, not its own."""
     ends = vehicle.ends
     ends.note(interval.rear_m, interval.front_m)
-    if not (ends.rear_stands or ends.front_stands):
+    if vehicle.length_sure or not (ends.rear_stands or ends.front_stands):
         return interval
-    if ends.rear_stands and not vehicle.length_sure:
+    if ends.rear_stands:
         vehicle.length_known = False
     return replace(
         interval,

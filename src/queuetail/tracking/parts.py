@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
-from queuetail.tracking.lane_vehicle import FAST_MPS, SURE_S, Interval, LaneVehicle, overlap_m
+from queuetail.tracking.lane_vehicle import SURE_S, Interval, LaneVehicle, overlap_m
 
-FOLLOWING_S = 0.4  # no driver keeps a shorter gap than he drives in so long,
-SAME_SPEED_MPS = 1.5  # at speed, both alike,
+FOLLOWING_S = 0.35  # no driver keeps a shorter gap than he drives in so long,
+MERGING_MPS, SAME_SPEED_MPS = 10.0, 1.5  # at such a speed, both alike,
 FOLLOWING_FOR_S = 0.8  # both of them seen, for so long
 LONGEST_M, LONG_M = 23.5, 6.5
 SLACK_M = 1.5  # by which a part may stick out of its vehicle
@@ -77,7 +77,7 @@ def merge_followers(vehicles: list[LaneVehicle], dt_s: float) -> list[LaneVehicl
 def _follows_too_closely(behind: LaneVehicle, ahead: LaneVehicle) -> bool:
     slower = min(behind.speed_mps, ahead.speed_mps)
     return (
-        slower > FAST_MPS
+        slower > MERGING_MPS
         and abs(behind.speed_mps - ahead.speed_mps) < SAME_SPEED_MPS
         and ahead.rear_m - behind.front_m < FOLLOWING_S * slower
         and ahead.front_m - behind.rear_m < LONGEST_M

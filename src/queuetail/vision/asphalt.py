@@ -30,10 +30,12 @@ GAIN_WINDOW_M = 9.0  # stretch of road over which brightness is compared
 GAIN_LIMITS = (0.25, 4.0)
 MIN_THRESHOLD = 9.0  # grey levels
 NOISE_SIGMAS, NOISE_RATE = 4.5, 0.3
+NOISY = 2.8  # grey levels; below it, smoothing costs more in edges than it gains
 EDGE_TOLERANCE = 0.45  # share of the local gradient: half a pixel of misregistration
 CLOUD_RATIO = 1.25  # of the lightest to the darkest stretch of road: less is no cloud's edge
 PLAIN_TOLERANCE = 12.0  # grey levels from a row's road at which a pixel is road for certain
-STAIN_TOLERANCE = 40.0  # grey levels from a row's road that a stain or patch may have
+STAIN_TOLERANCE = 40.0  # grey levels from a row's road that a stain or patch may have,
+STAIN_SHARE = 0.3  # and no more than this share of the road's: at dusk cars differ by as little
 PRIOR_TOLERANCE = 20.0  # grey levels from a row's road that the first picture may differ
 GROW_M = 1.2  # vehicles are kept out of learning with this margin
 
@@ -46,6 +48,7 @@ class RoadBackground:
         self._road = np.zeros((0, 0), np.float32)
         self._bands: tuple[Band, ...] = ()
         self._noise = 2.0
+        self._is_noisy = False  # and then pictures are smoothed, as in poor light
         self._began_s = self._last_s = 0.0
         self._shade = CastShade()
 
@@ -55,6 +58,8 @@ class RoadBackground:
         `protect` marks pixels that belong to known vehicles (255): they are never learnt.
         """
         image = raster.image
+        if self._is_noisy and raster.bands:
+            image = cv2.GaussianBlur(image, (3, 3), 0)
         if not raster.bands:
             return Masks(image, image, image, image.astype(np.float32))
         if self._layout is None or self._layout.plan != raster.plan:
@@ -147,6 +152,7 @@ class RoadBackground:
         calm = residual[free[::6, ::6] > 0]
         if len(calm) > 50:
             self._noise += NOISE_RATE * (1.48 * float(np.median(calm)) - self._noise)
+        self._is_noisy |= self._noise > NOISY
         self._refresh_threshold()
 
     def _accept_still(
@@ -167,9 +173,10 @@ class RoadBackground:
         free = cv2.dilate(protect, self._grow) == 0
         learnt_edges = self._edges(cv2.convertScaleAbs(self._road))
         ghost = (learnt_edges > VEHICLE_EDGES) & (learnt_edges > GHOST_EDGES * self._edges(image))
-        unlike = cv2.absdiff(image.astype(np.float32), self._plain())
+        plain = self._plain()
+        unlike = cv2.absdiff(image.astype(np.float32), plain)
         ghost = (ghost & (unlike < PRIOR_TOLERANCE)) | (unlike < PLAIN_TOLERANCE)
-        stain = free & (unlike < STAIN_TOLERANCE)
+        stain = free & (unlike < np.minimum(STAIN_SHARE * plain, STAIN_TOLERANCE))
         accepted = (self._still_s >= STILL_S) & stain | (self._still_s >= GHOST_S) & ghost
         accepted &= (foreign > 0) & (shade == 0)
         accepted |= free & (shade > 0) & (self._bare == 0) & (self._still_s >= STILL_SHADE_S)
