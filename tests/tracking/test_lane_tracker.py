@@ -100,9 +100,11 @@ class Road:
         approaches: tuple[Approach, ...] = ROAD,
         flows: Sequence[Flow] = (),
         hidden: Sequence[Hidden] = (),
+        shadows: Sequence[int] = (),
     ) -> Tracks:
         raster = RoadRaster(np.zeros((1, 1), np.uint8), 5.0, (BAND,), 1, approaches, {0: VIEW})
         told = points(seen, flows=flows, hidden=hidden)
+        told.shadow[np.isin(told.lane, shadows)] = True
         tracks = self.tracker.update(told, Scene(self.t_s, raster, MAPPING))
         self.t_s += dt_s
         return tracks
@@ -241,6 +243,15 @@ def test_who_stops_dead_is_who_came() -> None:
     assert ids == {1}
     assert rear(tracks) == pytest.approx(120.0, abs=0.3)
     assert tracks.velocity_mps[0, 0] == pytest.approx(0.0, abs=0.1)
+
+
+def test_the_shade_of_a_truck_beside_it_is_no_truck() -> None:
+    """It drives as far as the truck, but is all shade, as long as it, and marked as its shadow."""
+    road = Road()
+    for step in range(80):
+        at = 1.0 + 2.0 * step
+        tracks = road.see((2, at, at + 12.0), (1, at, at + 12.0, 0.5, 0.05), shadows=(1,))
+    assert [round(float(tracks.enu[i, 1]), 1) for i in confirmed(tracks)] == [-5.4]
 
 
 def test_a_dark_car_is_believed_between_standing_ones_only() -> None:

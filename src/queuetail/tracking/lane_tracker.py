@@ -147,6 +147,8 @@ class LaneTracker:
                 vehicle.body += CONTRAST_RATE * (interval.body - vehicle.body)
                 vehicle.hits += 1
                 vehicle.seen_s = t_s
+                if interval.shadow and vehicle.is_long_shade:
+                    vehicle.disbelieve()
         for vehicle in vehicles:
             if vehicle.seen_s < t_s and vehicle.speed_mps < STANDING_MPS:
                 vehicle.speed_mps = 0.0  # noise would carry it away while it is not seen

@@ -115,6 +115,15 @@ class LaneVehicle:
         return self.way_m > (MOVED_M if self.body >= LEAST_BODY else SHADE_MOVED_M)
 
     @property
+    def is_long_shade(self) -> bool:
+        """Whether it is as long as a truck and shows nothing but shade: that of one beside it."""
+        return self.length_m > CAR_LENGTH_M and self.body < LEAST_BODY
+
+    def disbelieve(self) -> None:
+        """Take it for no vehicle, until it has gone a way anew."""
+        self.confirmed, self.way_m, self.born_at_m = False, 0.0, self.rear_m
+
+    @property
     def only_shade(self) -> bool:
         """Whether it looks like a shadow, has not moved like a vehicle, and stands in no queue."""
         return self.body < LEAST_BODY and not self.moved and not self.in_row
