@@ -15,8 +15,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from queuetail.errors import InputError
-from queuetail.geo.earth import geodetic_from_enu
-from queuetail.sinks.geodetic import fast_geodetic
 from queuetail.sinks.tables import (
     QUEUE_COLUMNS,
     TRACK_COLUMNS,
@@ -28,7 +26,6 @@ from queuetail.sinks.tables import (
 from queuetail.types import (
     Approach,
     EndOfQueue,
-    Origin,
     QueueState,
     QueueStatus,
     TrackState,
@@ -150,23 +147,3 @@ def test_interrupted_after_a_few_frames_is_whole(tmp_path: Path) -> None:
 def test_unwritable_folder_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"queue\.csv cannot be written: No such file"):
         QueueCsv(synthetic.info(tmp_path / "nowhere"))
-
-
-@pytest.mark.parametrize("lat_deg", [0.0, 36.1, -70.0, 79.9, 85.0])
-def test_fast_geodetic_is_exact_to_a_millimetre(lat_deg: float) -> None:
-    origin = Origin(lat_deg, 179.999)
-    enu = np.random.default_rng(1).uniform(-2000, 2000, (500, 2))
-    lat, lon = fast_geodetic(enu, origin)
-    true_lat, true_lon = geodetic_from_enu(enu, origin)
-    metres = 111_320.0
-    east_m = ((lon - true_lon + 180) % 360 - 180) * metres * math.cos(math.radians(lat_deg))
-    assert np.abs(lat - true_lat).max() * metres < 1e-3
-    assert np.abs(east_m).max() < 1e-3
-    assert np.abs(lon).max() <= 180
-
-
-def test_fast_geodetic_takes_over_far_out_and_empty() -> None:
-    origin = Origin(50.0, 8.0)
-    far = np.array([[90_000.0, -3.0]])
-    assert np.allclose(fast_geodetic(far, origin), geodetic_from_enu(far, origin), atol=0)
-    assert fast_geodetic(np.empty((0, 2)), origin)[0].shape == (0,)

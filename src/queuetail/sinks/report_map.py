@@ -14,7 +14,7 @@ from queuetail.sinks.folder import QueueTable
 from queuetail.traffic.road import place
 from queuetail.types import Approach, Floats, Frame, GroundMapping, Image, Observation, Origin
 
-MAX_SIDE_PX = 1400
+MAX_SIDE_PX = 1100
 MIN_GSD_M = 0.1
 MAX_ENDS = 400  # places of one approach's end of queue; more would only lie on each other
 FAR_M = 400.0  # ground farther than this from what lies nearest the drone is not shown

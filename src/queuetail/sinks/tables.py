@@ -9,8 +9,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from queuetail.geo.near_origin import fast_geodetic
 from queuetail.sinks import RunInfo
-from queuetail.sinks.geodetic import fast_geodetic
 from queuetail.sinks.lines import LineFile
 from queuetail.types import (
     Approach,

@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from queuetail.geo.ground import enu_to_px
+from queuetail.tracking.lane_correction import correct_many, correct_one, keep_behind
 from queuetail.tracking.lane_sight import flow_mps, follow_flow, is_hidden
 from queuetail.tracking.lane_vehicle import (
     FIRST_SPEED_SIGMA_MPS,
@@ -19,9 +20,6 @@ from queuetail.tracking.lane_vehicle import (
     STANDING_MPS,
     Interval,
     LaneVehicle,
-    correct_many,
-    correct_one,
-    keep_behind,
     overlap_m,
     overlaps,
     owns,
@@ -31,7 +29,7 @@ from queuetail.tracking.lane_vehicle import (
     that_fit,
     without_doubles,
 )
-from queuetail.tracking.parts import joined_parts, merge_followers
+from queuetail.tracking.parts import joined_parts, mark_rows, merge_followers
 from queuetail.traffic.road import place
 from queuetail.types import (
     Approach,
@@ -55,10 +53,8 @@ COAST_S, TENTATIVE_COAST_S = 1.2, 0.25  # without a trace in the picture
 HIDDEN_S, HIDDEN_DRIVING_S = 60.0, 3.0  # behind a tall vehicle that stands, or that drives
 DRIVING_MPS = 4.0
 FLOW_FIRST_SIGMA_MPS = 1.0  # at the least, of a newcomer: it may be something else that moves there
-CONTRAST_RATE = 0.2
 STAIN_CONTRAST, MIN_STANDING_M = 0.17, 2.8
 SHADE_HIDDEN_S = 3.0
-CAR_M, ROW_GAP_M = (3.2, 6.5), 12.0
 SAME_PLACE = 0.45  # overlap, as a share of the shorter, at which one drives through the other
 
 
@@ -123,32 +119,15 @@ class LaneTracker:
         unclaimed = []
         intervals = joined_parts(vehicles, intervals)
         for interval in intervals:
-            inside = [v for v in vehicles if owns(v, interval, t_s)]
-            inside = inside[:1] or that_fit(
-                [v for v in vehicles if overlaps(v, interval)], interval
-            )
-            if not any(v.confirmed for v in inside):
-                flow = flow_mps(sight, interval.rear_m, interval.front_m)
-                stands = flow is not None and abs(flow[0]) < STANDING_MPS
-                crashed = stopped_dead(vehicles, interval, intervals, t_s) if stands else None
-                if crashed is not None:
-                    crashed.restart(interval.rear_m, 0.0, FLOW_FIRST_SIGMA_MPS)
-                    inside = [crashed]
+            inside = claimants(interval, vehicles, intervals, sight, t_s)
             if not inside:
                 unclaimed.append(interval)
-                continue
-            if len(inside) == 1:
+            elif len(inside) == 1:
                 unclaimed += correct_one(inside[0], interval, dt_s)
             else:
                 correct_many(inside, interval)
             for vehicle in inside:
-                vehicle.seen_at_m = interval.rear_m
-                vehicle.contrast += CONTRAST_RATE * (interval.contrast - vehicle.contrast)
-                vehicle.body += CONTRAST_RATE * (interval.body - vehicle.body)
-                vehicle.hits += 1
-                vehicle.seen_s = t_s
-                if interval.shadow and vehicle.is_long_shade:
-                    vehicle.disbelieve()
+                vehicle.take_in(interval, t_s)
         for vehicle in vehicles:
             if vehicle.seen_s < t_s and vehicle.speed_mps < STANDING_MPS:
                 vehicle.speed_mps = 0.0  # noise would carry it away while it is not seen
@@ -269,32 +248,10 @@ class LaneTracker:
                 thing.mark, thing.confirmed = True, False
                 self._driven.append(place)
 
-    def _find_rows(self) -> None:
-        """Mark what stands as long as a car between standing vehicles of its lane: a dark car.
-
-        With one before and one behind it, it is never the end of the queue by itself.
-        """
-        lanes: dict[tuple[int, int], list[LaneVehicle]] = {}
-        for v in self._vehicles:
-            if v.speed_mps < STANDING_MPS and (v.confirmed or v.only_shade):
-                lanes.setdefault((v.approach, v.lane), []).append(v)
-        for standing in lanes.values():
-            standing.sort(key=lambda v: v.rear_m)
-            for behind, v, ahead in zip(standing, standing[1:], standing[2:], strict=False):
-                gaps_m = v.rear_m - behind.front_m, ahead.rear_m - v.front_m
-                v.in_row |= (
-                    v.only_shade
-                    and v.hits >= CONFIRM_HITS
-                    and behind.confirmed
-                    and CAR_M[0] < v.length_m < CAR_M[1]
-                    and min(gaps_m) > 0.5
-                    and max(gaps_m) < ROW_GAP_M
-                )
-
     def _retire(self, points: RoadPoints, t_s: float) -> None:
         """Confirm what was seen often enough and let go of what left or was lost."""
         kept = []
-        self._find_rows()
+        mark_rows(self._vehicles)
         for v in self._vehicles:
             if v.hits <= CONFIRM_HITS:
                 v.born_at_m = v.rear_m  # until then it may slip along what it was first seen in
@@ -349,6 +306,28 @@ class LaneTracker:
             sigma_m=np.sqrt(np.array([v.var_station for v in rows])),
             length_m=np.array([v.length_m for v in rows]),
         )
+
+
+def claimants(
+    interval: Interval,
+    vehicles: list[LaneVehicle],
+    intervals: list[Interval],
+    sight: LaneSight | None,
+    t_s: float,
+) -> list[LaneVehicle]:
+    """Return the vehicles of a lane that one of its intervals shows, the last one first."""
+    known = [v for v in vehicles if owns(v, interval, t_s)]
+    inside = known[:1] or that_fit([v for v in vehicles if overlaps(v, interval)], interval)
+    if any(v.confirmed for v in inside):
+        return inside
+    flow = flow_mps(sight, interval.rear_m, interval.front_m)
+    if flow is None or abs(flow[0]) >= STANDING_MPS:
+        return inside
+    crashed = stopped_dead(vehicles, interval, intervals, t_s)
+    if crashed is None:
+        return inside
+    crashed.restart(interval.rear_m, 0.0, FLOW_FIRST_SIGMA_MPS)
+    return [crashed]
 
 
 def _looks_like_a_vehicle(thing: LaneVehicle, slack: float = 1.0) -> bool:

@@ -1,7 +1,8 @@
-"""A long vehicle seen in parts: a trailer the colour of asphalt shows its cab, and its rear.
+"""What belongs together in a lane: the parts of one long vehicle, and the cars of a row.
 
-Nobody follows another vehicle by a few metres at speed.  What seems to is one vehicle; and once its
-length is known, whatever shows within that length is its own.
+A trailer the colour of asphalt shows its cab, and its rear.  Nobody follows another vehicle by a
+few metres at speed: what seems to is one vehicle, and once its length is known, whatever shows
+within that length is its own.
 """
 
 from __future__ import annotations
@@ -10,13 +11,20 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
-from queuetail.tracking.lane_vehicle import SURE_S, Interval, LaneVehicle, overlap_m
+from queuetail.tracking.lane_vehicle import (
+    STANDING_MPS,
+    SURE_S,
+    Interval,
+    LaneVehicle,
+    overlap_m,
+)
 
 FOLLOWING_S = 0.35  # no driver keeps a shorter gap than he drives in so long,
 MERGING_MPS, SAME_SPEED_MPS = 10.0, 1.5  # at such a speed, both alike,
 FOLLOWING_FOR_S = 0.8  # both of them seen, for so long
 LONGEST_M, LONG_M = 23.5, 6.5
 SLACK_M = 1.5  # by which a part may stick out of its vehicle
+CAR_M, LEAST_GAP_M, ROW_GAP_M, ROW_HITS = (3.2, 6.5), 0.5, 12.0, 4
 OWN, OTHER = 0.6, 0.3  # shares of a part that lie in its vehicle, and in another at the most
 
 
@@ -72,6 +80,29 @@ def merge_followers(vehicles: list[LaneVehicle], dt_s: float) -> list[LaneVehicl
         behind.confirmed |= ahead.confirmed
         behind.apparition &= ahead.apparition
     return [v for v in vehicles if v.track_id not in gone]
+
+
+def mark_rows(vehicles: Sequence[LaneVehicle]) -> None:
+    """Mark what stands as long as a car between standing vehicles of its lane: a dark car.
+
+    With one before and one behind it, it is never the end of the queue by itself.
+    """
+    lanes: dict[tuple[int, int], list[LaneVehicle]] = {}
+    for v in vehicles:
+        if v.speed_mps < STANDING_MPS and (v.confirmed or v.only_shade):
+            lanes.setdefault((v.approach, v.lane), []).append(v)
+    for standing in lanes.values():
+        standing.sort(key=lambda v: v.rear_m)
+        for behind, v, ahead in zip(standing, standing[1:], standing[2:], strict=False):
+            gaps_m = v.rear_m - behind.front_m, ahead.rear_m - v.front_m
+            v.in_row |= (
+                v.only_shade
+                and v.hits >= ROW_HITS
+                and behind.confirmed
+                and CAR_M[0] < v.length_m < CAR_M[1]
+                and min(gaps_m) > LEAST_GAP_M
+                and max(gaps_m) < ROW_GAP_M
+            )
 
 
 def _follows_too_closely(behind: LaneVehicle, ahead: LaneVehicle) -> bool:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from queuetail.geo.earth import geodetic_from_enu
 from queuetail.geo.ground import enu_to_px
+from queuetail.geo.near_origin import fast_geodetic
 from queuetail.traffic.road import is_on, place
 from queuetail.types import (
     Approach,
@@ -49,7 +49,7 @@ def end_of_queue(
     lat: float | None = None
     lon: float | None = None
     if mapping.origin is not None:
-        lat, lon = (float(v[0]) for v in geodetic_from_enu(enu, mapping.origin))
+        lat, lon = (float(v[0]) for v in fast_geodetic(enu, mapping.origin))
     return EndOfQueue(
         station_m=station,
         sigma_m=float(vehicles.tracks.sigma_m[last]),

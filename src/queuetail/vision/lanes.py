@@ -289,12 +289,17 @@ def footprints(solid: Image, lean_px: Floats) -> Image:
         solid, reach, reach, reach, reach, cv2.BORDER_CONSTANT | cv2.BORDER_ISOLATED, value=255
     )
     standing = solid.copy()
-    bounds = np.linspace(0, width, len(lean_px) + 1).astype(int)
-    for lean, first, last in zip(lean_px, bounds[:-1], bounds[1:], strict=True):
-        kept = standing[:, first:last]
-        for share in (0.5, 1.0):
-            dx, dy = (round(v) for v in lean * LEAN_HEIGHT_M * share)
-            kept &= padded[reach + dy : reach + dy + height, reach + first + dx : reach + last + dx]
+    bounds = np.linspace(0, width, len(lean_px) + 1).astype(int).tolist()
+    for share in (0.5, 1.0):
+        shifts = np.rint(lean_px * LEAN_HEIGHT_M * share).astype(int).tolist()
+        begin = 0
+        for block, (dx, dy) in enumerate(shifts):
+            if block + 1 < len(shifts) and shifts[block + 1] == [dx, dy]:
+                continue  # neighbours that lean alike are looked at in one go
+            first, last = bounds[begin], bounds[block + 1]
+            begin = block + 1
+            above = padded[reach + dy : reach + dy + height, reach + first + dx : reach + last + dx]
+            standing[:, first:last] &= above
     return standing
 
 
