@@ -74,7 +74,11 @@ class LaneTracker:
 
         Each is (approach, lane, rear, front), and whether it is surely a car.
         """
-        kept = (v for v in self._vehicles if not (v.mark or v.only_shade))
+        kept = (
+            v
+            for v in self._vehicles
+            if not (v.mark or v.only_shade) and (v.moved or _looks_like_a_vehicle(v, 0.75))
+        )
         return [(v.approach, v.lane, v.rear_m, v.front_m, v.is_car) for v in kept]
 
     def update(self, points: RoadPoints, scene: Scene) -> Tracks:

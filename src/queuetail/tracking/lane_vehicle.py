@@ -17,7 +17,8 @@ FIRST_SPEED_SIGMA_MPS = 15.0
 GATE_M, GATE_SIGMAS = 2.5, 3.5
 SURE_S = 1.5  # that its length was seen alike, before it is sure
 CAR_LENGTH_M = 6.5
-DEAD_STOP_S, ALIKE_LENGTH = 0.5, 0.4
+DEAD_STOP_S, ALIKE_LENGTH, ALIKE_CONTRAST = 0.5, 0.4, 0.6
+FAINT, DRIVING_MPS = 0.15, 4.0  # a contrast that stains have too
 FULL = 0.75  # of the lengths of all vehicles in an interval: in less they are not all there
 REVERSE_MPS = 1.5  # what is faster drives the wrong way
 STANDING_MPS = 0.7
@@ -81,6 +82,7 @@ class LaneVehicle:
     way_m: float = 0.0  # the farthest that it was from where it was born
     ends: SeenEnds = field(default_factory=SeenEnds)
     contrast: float = 0.0  # of its interval, as a share of the road's brightness
+    driving_contrast: float = 0.0  # the same while it drove
     body: float = 1.0  # share of its interval that shows more than cast shadow
     born_at_m: float = 0.0
     confirmed: bool = False
@@ -108,6 +110,12 @@ class LaneVehicle:
     def is_long_shade(self) -> bool:
         """Whether it is as long as a truck and shows nothing but shade: that of one beside it."""
         return self.length_m > CAR_LENGTH_M and self.body < LEAST_BODY
+
+    @property
+    def is_fainter_than_it_was(self) -> bool:
+        """Whether it stands, and looks much less like a vehicle than while it drove: a stain."""
+        faint = self.contrast < min(FAINT, ALIKE_CONTRAST * self.driving_contrast)
+        return faint and abs(self.speed_mps) < STANDING_MPS
 
     def disbelieve(self) -> None:
         """Take it for no vehicle, until it has gone a way anew."""
@@ -160,7 +168,9 @@ class LaneVehicle:
         self.contrast += CONTRAST_RATE * (interval.contrast - self.contrast)
         self.body += CONTRAST_RATE * (interval.body - self.body)
         self.hits += 1
-        if interval.shadow and self.is_long_shade:
+        if self.speed_mps > DRIVING_MPS:
+            self.driving_contrast += CONTRAST_RATE * (interval.contrast - self.driving_contrast)
+        if (interval.shadow and self.is_long_shade) or self.is_fainter_than_it_was:
             self.disbelieve()
 
     def gate_m(self) -> float:
@@ -231,6 +241,7 @@ def stopped_dead(
         and 0 < t_s - v.seen_s <= DEAD_STOP_S
         and v.seen_at_m - 1.0 < interval.rear_m < v.rear_m + 1.0
         and abs(length_m - v.length_m) < ALIKE_LENGTH * v.length_m
+        and interval.contrast > ALIKE_CONTRAST * v.contrast
         and not any(overlaps(v, other) for other in intervals)
     ]
     return lost[0] if len(lost) == 1 else None

@@ -28,6 +28,7 @@ MIN_COVER = 0.38  # of the core, for a column to belong to a vehicle
 MIN_LENGTH_M = 2.0
 LEAN_HEIGHT_M = 1.1  # bonnets and boots: what every vehicle stands above its footprint
 TALL_LENGTH_M = 6.5  # longer vehicles throw longer shadows
+OWN_SHADOW_M = 1.3  # of a known car's length at either end, which may be its shadow
 MOSTLY_PARTLY = 0.5  # of an interval's columns half hidden: its place across the lane is not told
 BRIGHT_COVER = 0.3  # of the core brighter than road, for a column that is surely not shadow
 BRIGHT_SHARE = 0.3  # of a vehicle's columns, for it to show where its cast shadow ends
@@ -160,8 +161,12 @@ class LaneDetector:
             return []
         sure = visible.cover(seen.body if seen.shaded else seen.bright) / 255
         solid = sure if seen.shaded else visible.cover(seen.body) / 255
+        kept = sure
         if cars is not None:
-            sure = np.where(cars, np.float32(1.0), sure)  # a dark car is not its neighbour's shadow
+            # A dark car is not its neighbour's shadow; at its ends it may have one of its own.
+            size = 2 * round(OWN_SHADOW_M * px_per_m) + 1
+            inner = cv2.erode(cars.view(np.uint8)[None], np.ones((1, size), np.uint8))[0]
+            kept = np.where(inner > 0, np.float32(1.0), sure)
         bounds = [*([0] if on[0] else []), *edges.tolist(), *([len(on)] if on[-1] else [])]
         begin, end = band.visible_columns
         found: list[Interval] = []
@@ -175,7 +180,8 @@ class LaneDetector:
             ends = _crossing(cover, first, -1), _crossing(cover, last, +1)
             limits = (BODY_COVER, BODY_SHARE) if seen.shaded else (BRIGHT_COVER, BRIGHT_SHARE)
             dark = dark_ends(sure[first:last], *limits)
-            ends = self._shadows.without(ends, dark, cut, px_per_m)
+            most = dark_ends(kept[first:last], *limits)
+            ends = self._shadows.without(ends, dark, most, cut, px_per_m)
             share = float((solid[first:last] >= BODY_COVER).mean())
             roof = float(visible.partly[first:last].mean()) >= MOSTLY_PARTLY
             row = middle
@@ -203,7 +209,7 @@ def _standing_columns(
     width = 2 * (max(round(CLOSE_M * px_per_m), 1) // 2) + 1
     closed = cv2.morphologyEx(on, cv2.MORPH_CLOSE, np.ones((1, width), np.uint8))[0]
     joined = bridged(closed, under_sill(seen.dark, middle, px_per_m), BRIDGE_M * px_per_m)
-    line = sill_line(seen.dark, seen.silhouettes, band, middle, px_per_m)
+    line = sill_line(seen.dark, seen.bright, seen.silhouettes, band, middle, px_per_m)
     return silled(joined, line, px_per_m)
 
 
@@ -226,10 +232,14 @@ class CastShadows:
         self,
         ends: tuple[float, float],
         dark: tuple[float, float] | None,
+        most: tuple[float, float] | None,
         cut: tuple[bool, bool],
         px_per_m: float,
     ) -> tuple[float, float]:
-        """Return rear and front columns without shadow; `dark` is the dark length at each end."""
+        """Return rear and front columns without shadow; `dark` is the dark length at each end.
+
+        `most` is how much of it no known car stands in.
+        """
         rear, front = ends
         tall = front - rear >= TALL_LENGTH_M * px_per_m
         known = self._ends_m[tall]
@@ -239,10 +249,10 @@ class CastShadows:
         if len(known) < 3:
             return ends
         behind, ahead = (length_m * px_per_m for length_m in self._typical[tall])
-        if dark is not None:
+        if most is not None:
             uneven = UNEVEN_M * px_per_m
-            behind = dark[0] if dark[0] > behind + uneven else behind
-            ahead = dark[1] if dark[1] > ahead + uneven else ahead
+            behind = most[0] if most[0] > behind + uneven else behind
+            ahead = most[1] if most[1] > ahead + uneven else ahead
         if front - rear - behind - ahead < MIN_LENGTH_M * px_per_m:
             return ends
         return rear + (0.0 if cut[0] else behind), front - (0.0 if cut[1] else ahead)

@@ -10,6 +10,7 @@ from queuetail.vision.occlusion import LEAST_LEAN_M
 
 CLOSE_M = 0.7  # holes in a vehicle (windscreens the colour of asphalt) up to this length
 UNDER_M, BRIDGE_M, UNBROKEN = 2.2, 2.6, 0.9  # across and along: the line of shade under a sill
+MARKING_M = (0.7, 2.3)  # from a lane's middle: where the line at its edge may lie
 SILL_M, SILL_CLEAR_M, LEAST_SILL_M = (0.7, 1.5), 0.4, 3.5  # a truck's, from its lane's middle
 LONGEST_M = 23.5
 JOIN_M = 0.5  # breaks in an outline
@@ -58,22 +59,25 @@ def under_sill(dark: Image, middle: float, px_per_m: float) -> Bools:
     return np.asarray(np.any(rows, axis=0))
 
 
-def sill_line(dark: Image, filled: Image, band: Band, middle: float, px_per_m: float) -> Bools:
+def sill_line(
+    dark: Image, bright: Image, filled: Image, band: Band, middle: float, px_per_m: float
+) -> Bools:
     """Return at which columns something dark runs along a lane's near side, and nothing beside it.
 
-    The near side is the camera's; from straight above it may be either.
+    The near side is the camera's; from straight above none shows.  What runs beside something
+    bright is the edge of a marking.
     """
     lean = float(band.lean_px[:, 1].mean()) / px_per_m
+    if abs(lean) < LEAST_LEAN_M:
+        return np.zeros(dark.shape[1], np.bool_)
+    side = -1 if lean > 0 else 1
+    near, far = sorted(middle + side * reach * px_per_m for reach in SILL_M)
+    line = dark[max(round(near), 0) : round(far) + 1]
+    near, far = sorted(middle + side * reach * px_per_m for reach in MARKING_M)
+    marking = bright[max(round(near), 0) : round(far) + 1]
     half = max(SILL_CLEAR_M * px_per_m, 1.0)
     clear = filled[max(round(middle - half), 0) : round(middle + half) + 1]
-    found = np.zeros(dark.shape[1], np.bool_)
-    for side in (1, -1):
-        if side * lean > LEAST_LEAN_M:
-            continue
-        near, far = sorted(middle + side * reach * px_per_m for reach in SILL_M)
-        line = dark[max(round(near), 0) : round(far) + 1]
-        found |= np.any(line, axis=0)
-    return found & ~np.any(clear, axis=0)
+    return np.any(line, axis=0) & ~np.any(clear, axis=0) & ~np.any(marking, axis=0)
 
 
 def fill_outlines(foreign: Image, px_per_m: float, lean: float = 0.0) -> tuple[Image, Image]:
