@@ -77,4 +77,6 @@ def file_outlets(out: Path, name: str, preset: str, site: Site) -> tuple[FileOut
         "tracks.csv": TracksCsv,
         "events.jsonl": EventsJsonl,
     }
-    return tuple(FileOutlet(file_name, sink(info)) for file_name, sink in sinks.items())
+    # A tuple grown from a generator breaks where another thread looks at it half made (CPython).
+    outlets = [FileOutlet(file_name, sink(info)) for file_name, sink in sinks.items()]
+    return tuple(outlets)
