@@ -180,7 +180,7 @@ class LaneDetector:
             ends = _crossing(cover, first, -1), _crossing(cover, last, +1)
             limits = (BODY_COVER, BODY_SHARE) if seen.shaded else (BRIGHT_COVER, BRIGHT_SHARE)
             dark = dark_ends(sure[first:last], *limits)
-            most = dark_ends(kept[first:last], *limits)
+            most = dark if kept is sure else dark_ends(kept[first:last], *limits)
             ends = self._shadows.without(ends, dark, most, cut, px_per_m)
             share = float((solid[first:last] >= BODY_COVER).mean())
             roof = float(visible.partly[first:last].mean()) >= MOSTLY_PARTLY

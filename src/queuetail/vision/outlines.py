@@ -55,8 +55,7 @@ def silled(on: Image, sill: Bools, px_per_m: float) -> Image:
 def under_sill(dark: Image, middle: float, px_per_m: float) -> Bools:
     """Return at which columns something dark lies about a lane's middle: the shade of a sill."""
     half = UNDER_M / 2 * px_per_m
-    rows = dark[max(round(middle - half), 0) : round(middle + half) + 1]
-    return np.asarray(np.any(rows, axis=0))
+    return _any_between(dark, middle - half, middle + half)
 
 
 def sill_line(
@@ -71,13 +70,16 @@ def sill_line(
     if abs(lean) < LEAST_LEAN_M:
         return np.zeros(dark.shape[1], np.bool_)
     side = -1 if lean > 0 else 1
-    near, far = sorted(middle + side * reach * px_per_m for reach in SILL_M)
-    line = dark[max(round(near), 0) : round(far) + 1]
-    near, far = sorted(middle + side * reach * px_per_m for reach in MARKING_M)
-    marking = bright[max(round(near), 0) : round(far) + 1]
+    line = _any_between(dark, *(middle + side * reach * px_per_m for reach in SILL_M))
+    marking = _any_between(bright, *(middle + side * reach * px_per_m for reach in MARKING_M))
     half = max(SILL_CLEAR_M * px_per_m, 1.0)
-    clear = filled[max(round(middle - half), 0) : round(middle + half) + 1]
-    return np.any(line, axis=0) & ~np.any(clear, axis=0) & ~np.any(marking, axis=0)
+    return line & ~_any_between(filled, middle - half, middle + half) & ~marking
+
+
+def _any_between(mask: Image, one: float, other: float) -> Bools:
+    """Return at which columns a mask has anything between two rows, given in either order."""
+    first, last = sorted((round(one), round(other)))
+    return np.asarray(np.any(mask[max(first, 0) : last + 1], axis=0))
 
 
 def fill_outlines(foreign: Image, px_per_m: float, lean: float = 0.0) -> tuple[Image, Image]:
