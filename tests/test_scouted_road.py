@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -49,9 +50,20 @@ def mapped(of: RegisteredMapper) -> GroundMapping:
 def alignment(rotation_deg: float, shift_m: float) -> Alignment:
     """Return the correction by a rotation about the origin and a shift to the north."""
     angle = np.radians(rotation_deg)
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    A = np.column_stack([turn, [0.0, shift_m]])
-    return Alignment(A, rotation_deg, 0.05, shift_m, 0.1, 0.3, 12)
+    c, s = np.cos(angle), np.sin(angle)
+    return Alignment(
+        H_true_enu=np.array([[c, -s, 0.0], [s, c, shift_m], [0.0, 0.0, 1.0]]),
+        rotation_deg=rotation_deg,
+        rotation_sigma_deg=0.05,
+        tilt_deg=0.0,
+        shift_m=shift_m,
+        shift_sigma_m=0.1,
+        move_m=abs(shift_m) + abs(angle) * 150.0,
+        move_sigma_m=0.15,
+        residual_m=0.3,
+        vehicles=12,
+        marks=20,
+    )
 
 
 def test_a_misalignment_is_applied_once_and_the_road_is_laid_out_anew() -> None:
@@ -65,7 +77,7 @@ def test_a_misalignment_is_applied_once_and_the_road_is_laid_out_anew() -> None:
     assert road.alignment is found
     assert road.approaches is not approaches
     assert np.array_equal(road.approaches[0].axis_enu, approaches[0].axis_enu)
-    # What is looked at afterwards changes nothing more: the watch is over.
+    # What is looked at afterwards changes nothing more.
     luma = np.full((360, 640), 90, np.uint8)
     for n in range(100):
         frame = Frame(n, n / 2, luma, lambda w, h: np.zeros((h, w, 3), np.uint8))
@@ -82,6 +94,23 @@ def test_a_small_misalignment_is_left_alone_and_told() -> None:
     assert px_to_enu(mapped(of), PX) == pytest.approx(before, abs=1e-9)
     assert road.approaches is approaches
     assert road.alignment is not None
+
+
+def test_after_a_cut_telemetry_may_be_off_by_something_else() -> None:
+    of = mapper()
+    road = SiteRoad((approach("NB"),), of)
+    luma = np.full((360, 640), 90, np.uint8)
+    blank = Frame(0, 0.0, luma, lambda w, h: np.zeros((h, w, 3), np.uint8))
+    road.look(blank, mapped(of), STILL)
+    road._accept(alignment(2.0, 0.0))
+    assert not road._watching
+    road.look(blank, mapped(of), STILL)
+    assert not road._watching
+    road.look(blank, mapped(of), dataclasses.replace(STILL, epoch=1))
+    assert road._watching
+    trusted = mapped(of).pose_sigma.yaw_deg
+    road._accept(alignment(0.0, 0.1))
+    assert mapped(of).pose_sigma.yaw_deg == trusted
 
 
 def test_telemetry_that_was_far_off_is_trusted_less() -> None:

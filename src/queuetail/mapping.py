@@ -98,13 +98,13 @@ class RegisteredMapper:
         self._correction = np.eye(3)
         self._misfit = 1.0
 
-    def correct(self, A_true_enu: Floats | None, misfit: float) -> None:
-        """Take ENU to be moved by a 2×3 affine, and telemetry's sigmas to be scaled by `misfit`.
+    def correct(self, H_true_enu: Floats | None, misfit: float) -> None:
+        """Take ENU to be moved by a homography (3, 3), and scale telemetry's sigmas by `misfit`.
 
         How far telemetry was off where that could be seen says how far it may be where it cannot.
         """
-        if A_true_enu is not None:
-            self._correction = np.vstack([A_true_enu, [0.0, 0.0, 1.0]]) @ self._correction
+        if H_true_enu is not None:
+            self._correction = H_true_enu @ self._correction
         self._misfit = float(np.clip(misfit, *MISFIT_RANGE))
 
     def mapping(

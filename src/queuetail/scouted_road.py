@@ -3,30 +3,31 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 
-from queuetail.mapping import FixedMapper, RegisteredMapper
-from queuetail.traffic.alignment import Alignment, align
+from queuetail.mapping import SETTLE_S, FixedMapper, RegisteredMapper
+from queuetail.traffic.alignment import Alignment, Camera, align
 from queuetail.traffic.carriageways import discover
 from queuetail.traffic.road import assign, locate
 from queuetail.types import Approach, Frame, GroundMapping, Registration, RoadVehicles, Tracks
 from queuetail.vision.foot import camera_above_ground
+from queuetail.vision.lane_lines import LaneLines
 from queuetail.vision.scout import RoadScout
 
-SURE_DEG, SURE_M, SURE_VEHICLES = 0.2, 0.35, 6
+SURE_M, SURE_OF = 0.35, 6  # sigma, and how many vehicles and marks agree
 TRY_EVERY_S = 1.0
 WATCH_S = 45.0  # of traffic, after which nothing new is learnt of the road
 REFINE_AFTER_S = (6.0, 20.0)  # after the road was first found
-MIN_ROTATION_DEG, MIN_SHIFT_M = 0.35, 0.8  # smaller misalignments are left alone
+MIN_MOVE_M, MIN_SIGMAS = 0.4, 2.0  # smaller misalignments are left alone
 MIN_AXIS_CHANGE_M = 0.5
 
 
 class SiteRoad:
-    """Approaches that are known; what telemetry says of them is aligned to the traffic seen.
+    """Approaches that are known; what telemetry says of them is aligned to what is seen.
 
-    Compass and GPS are off by more than a lane: the lanes that vehicles drive in show by how much.
+    Compass and GPS are off by more than a lane: painted lines, and the lanes that vehicles drive
+    in, show by how much.
     """
 
     def __init__(
@@ -35,60 +36,71 @@ class SiteRoad:
         self.approaches = approaches
         self.alignment: Alignment | None = None
         self._mapper = mapper
-        self._scout = RoadScout()
-        self._watching = isinstance(mapper, RegisteredMapper)
-        self._began_s: float | None = None
-        self._tried_s = 0.0
-        self._epoch = 0
+        self._watching, self._misfit = False, 0.0
+        self._epoch, self._began_s, self._tried_s = -1, 0.0, 0.0
+        self._scout, self._lines = RoadScout(), LaneLines(approaches)
 
     def look(self, frame: Frame, mapping: GroundMapping, registration: Registration) -> None:
-        """Watch the traffic until it shows how the picture lies on the road."""
-        if self._began_s is None or registration.epoch != self._epoch:
-            self._began_s, self._epoch, self._scout = frame.t_s, registration.epoch, RoadScout()
-        if not self._watching or frame.t_s - self._began_s > WATCH_S:
+        """Watch lines and traffic until they show how the picture lies on the road."""
+        if registration.epoch != self._epoch:
+            self._begin(frame.t_s, registration.epoch)
+        watched_s = frame.t_s - self._began_s
+        if not self._watching or watched_s > WATCH_S:
             return
         self._scout.update(frame.luma, mapping, registration.H_ref_frame, frame.t_s)
+        if watched_s > SETTLE_S:
+            self._lines.update(frame.luma, mapping, frame.t_s)
         if frame.t_s - self._tried_s < TRY_EVERY_S:
             return
         self._tried_s = frame.t_s
-        foot, _ = camera_above_ground(mapping)
-        found = align(self.approaches, self._scout.trajectories, foot)
-        if found is not None and _is_sure(found, self._scout.doubt_m):
+        camera = Camera(*camera_above_ground(mapping))
+        found = align(
+            self.approaches,
+            self._scout.trajectories,
+            camera,
+            self._lines.marks,
+            self._scout.doubt_m,
+        )
+        if found is not None and _is_sure(found):
             self._accept(found)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the traffic said of the telemetry, once it did."""
+        """What lines and traffic said of the telemetry, once they did."""
         if self.alignment is None:
             return ()
         a = self.alignment
         return (
-            f"{a.vehicles} vehicles show telemetry turned by {a.rotation_deg:+.2f}° "
-            f"(± {a.rotation_sigma_deg:.2f}°) and {a.shift_m:+.2f} m (± {a.shift_sigma_m:.2f} m) "
-            f"to the left of the road",
+            f"{a.marks} pieces of painted lines and {a.vehicles} vehicles show telemetry turned by "
+            f"{a.rotation_deg:+.2f}° (± {a.rotation_sigma_deg:.2f}°), tilted by {a.tilt_deg:.2f}° "
+            f"and {a.shift_m:+.2f} m (± {a.shift_sigma_m:.2f} m) to the left of the road",
         )
 
     def locate(self, tracks: Tracks) -> RoadVehicles:
         """Return the tracks on the approaches."""
         return assign(tracks, self.approaches)
 
+    def _begin(self, t_s: float, epoch: int) -> None:
+        """Start to watch: after a cut telemetry may be off by something else."""
+        self._watching = isinstance(self._mapper, RegisteredMapper)
+        self._epoch, self._began_s, self._tried_s = epoch, t_s, t_s
+        self._scout, self._lines = RoadScout(), LaneLines(self.approaches)
+
     def _accept(self, found: Alignment) -> None:
         self.alignment = found
         self._watching = False
-        small = abs(found.rotation_deg) < MIN_ROTATION_DEG and abs(found.shift_m) < MIN_SHIFT_M
+        small = found.move_m < max(MIN_MOVE_M, MIN_SIGMAS * found.move_sigma_m)
         assert isinstance(self._mapper, RegisteredMapper)
-        misfit = max(abs(found.rotation_deg), abs(found.shift_m) / 1.5)
-        self._mapper.correct(None if small else found.A_true_enu, misfit)
+        self._misfit = max(self._misfit, abs(found.rotation_deg), abs(found.shift_m) / 1.5)
+        self._mapper.correct(None if small else found.H_true_enu, self._misfit)
         if not small:
             # A new tuple: the raster is laid out anew, since every place in it has moved.
             self.approaches = tuple(dataclasses.replace(a) for a in self.approaches)
 
 
-def _is_sure(found: Alignment, doubt_m: float) -> bool:
-    """Tell whether enough vehicles were seen well to move the road for them, or to leave it."""
-    shift_sigma_m = math.hypot(found.shift_sigma_m, doubt_m)
-    sure = found.rotation_sigma_deg < SURE_DEG and shift_sigma_m < SURE_M
-    return sure and found.vehicles >= SURE_VEHICLES
+def _is_sure(found: Alignment) -> bool:
+    """Tell whether enough was seen well to move the road for it, or to leave it."""
+    return found.marks + found.vehicles >= SURE_OF and found.move_sigma_m < SURE_M
 
 
 class FoundRoad:

@@ -1,241 +1,290 @@
-"""A site's road and the vehicles seen brought together: the bias of telemetry, from traffic.
+"""A site's road and what is seen of it brought together: the bias of telemetry.
 
 Telemetry is off by metres and degrees, and so is everything that is located by it.  Vehicles keep
-to the middles of lanes; the small motion of the plane that puts their trajectories there is the
-correction.  Where it could be one lane to the side as well, a prior decides and sigma says so.
+to the middles of lanes and paint lies on their edges; the small motion of the camera that puts both
+there is the correction.  Where it could be one lane to the side as well, sigma says so.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from queuetail.traffic.paths import STEP_M, Samples, Trajectory, extent_m, sample
-from queuetail.traffic.road import locate
-from queuetail.types import Approach, Bools, Floats, Ints
+from queuetail.geo.ground import apply_homography
+from queuetail.traffic.lane_evidence import (
+    NO_MARKS,
+    VEHICLE_SIGMA_M,
+    LaneEvidence,
+    Lateral,
+    LineMarks,
+    gather,
+    lateral,
+    miss_m,
+    offsets,
+    turned,
+)
+from queuetail.traffic.paths import Trajectory
+from queuetail.types import Approach, Floats
 
-MIN_VEHICLES, MIN_MOVED_M = 4, 25.0
-MIN_AGREEING = 0.6  # of the vehicles that drive along the road at all
-AGREES = 0.35  # of a lane's width from its centre
-SHIFT_SIGMA_M, ROTATION_SIGMA_DEG, SCALE_SIGMA = 3.0, 2.0, 0.02
-VEHICLE_SIGMA_M = 0.45  # lane keeping, and placing a vehicle's middle
-WANDER_M = 40.0  # a vehicle's offset is one and the same over about this way
+MIN_VEHICLES, MIN_MARKS = 4, 6  # of either one or the other
+MIN_AGREEING = 0.6  # of the vehicles that are on the road at all
+MIN_MARKS_AGREEING = 0.5  # the other carriageway and the shoulders have lines of their own
+VEHICLE_AGREES, MARK_AGREES = 0.35, 0.12  # of a lane's width from where it belongs
+SHIFT_SIGMA_M, ROTATION_SIGMA_DEG, SCALE_SIGMA, TILT_SIGMA = 3.0, 2.0, 0.01, 0.012
+VEHICLES_SHARE_M = 0.2  # how far aside all vehicles may seem to be, for shadow or lean
+MARK_SIGMA_M = (0.35, 0.35, 0.35, 0.25, 0.15)  # from the search, on to the last round
 WORST = 9.0  # squared sigmas: a stray counts for no more
 REACH_M = 12.0  # beside the lanes
 SHIFTS_M = np.arange(-9.0, 9.01, 0.3)
 ROTATIONS_DEG = np.arange(-5.0, 5.01, 0.25)
-SEARCH_SAMPLES = 300
-ROUNDS = 8
-SAME_WAY_COS = float(np.cos(np.radians(30.0)))
+SEARCH_SAMPLES = 150  # of each kind
+SEARCH_VEHICLES = 6.0  # what many vehicles are worth that share a bias
+ROUNDS = 10
 OTHER_MODE_M = 1.5
 FLOOR_M, FLOOR_DEG = 0.1, 0.05  # what lanes painted and driven are never surer of
+MOST = 0.95  # of the evidence
+TURN, SHIFT, SCALE, TILT, SHARED = 0, slice(1, 3), 3, slice(4, 6), slice(6, 8)
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """Where the camera is by telemetry: what a wrong heading and pitch turn the picture about."""
+
+    foot_enu: Floats  # (2,) the ground below it
+    height_m: float
 
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """The correction of places: true ENU = A_true_enu @ (east, north, 1)."""
+    """The correction of places: true ENU = H_true_enu applied to ENU."""
 
-    A_true_enu: Floats  # (2, 3)
+    H_true_enu: Floats  # (3, 3)
     rotation_deg: float  # anticlockwise
     rotation_sigma_deg: float
-    shift_m: float  # of the traffic's middle, to the left of the road
+    tilt_deg: float  # of the ground against the camera: pitch and roll, or the road's own slope
+    shift_m: float  # of the evidence's middle, to the left of the first approach
     shift_sigma_m: float
+    move_m: float  # across the road, as far as most of the evidence moves
+    move_sigma_m: float
     residual_m: float  # root mean square of the vehicles' distances to lane centres, after
     vehicles: int  # that agree
+    marks: int  # that agree
 
     def apply(self, enu: Floats) -> Floats:
         """Return points corrected, (n, 2) -> (n, 2)."""
-        return np.asarray(enu @ self.A_true_enu[:, :2].T + self.A_true_enu[:, 2])
-
-
-@dataclass(frozen=True, slots=True)
-class _Lateral:
-    """Where samples lie across the road: distance to the nearest lane centre, and what moves it."""
-
-    miss_m: Floats  # (n,) to the left of the lane's centre; NaN for those on no approach
-    left: Floats  # (n, 2) unit vectors across the road
-    width_m: Floats  # (n,) of the lane
+        return apply_homography(self.H_true_enu, enu)
 
 
 def align(
     approaches: Sequence[Approach],
     trajectories: Sequence[Trajectory],
-    camera_enu: Floats | None = None,
+    camera: Camera,
+    marks: LineMarks = NO_MARKS,
+    doubt_m: float = 0.0,
 ) -> Alignment | None:
-    """Return the motion that brings the trajectories into the lanes; None until enough agree.
+    """Return the motion that brings the evidence to the lanes; None until enough of it agrees.
 
-    `camera_enu` is the ground point below the camera, which a wrong heading turns the picture
-    about; without it the middle of the traffic is taken.
+    `doubt_m` is by how much shadows may set all vehicles aside.
     """
-    seen = sample(trajectories)
-    far = extent_m(seen, len(trajectories)) >= MIN_MOVED_M
-    seen = seen.where(far[seen.owner]) if len(seen) else seen
-    if not approaches or int(far.sum()) < MIN_VEHICLES:
+    seen = _beside(approaches, gather(trajectories, marks))
+    if seen.vehicles < MIN_VEHICLES and seen.is_mark.sum() < MIN_MARKS:
         return None
-    pivot = seen.enu.mean(axis=0) if camera_enu is None else np.asarray(camera_enu, float)
-    start, modes_m2 = _search(approaches, seen, pivot)
-    if start is None:
-        return None
-    solution, covariance = _refine(approaches, seen, pivot, start)
-    return _alignment(approaches, seen, pivot, solution, covariance, modes_m2)
+    start, modes_m2 = _search(approaches, seen, camera)
+    share_m = float(np.hypot(VEHICLES_SHARE_M, doubt_m))
+    solution, covariance = _refine(approaches, seen, camera, start, share_m)
+    return _alignment(approaches, seen, camera, solution, covariance, modes_m2)
+
+
+def _beside(approaches: Sequence[Approach], seen: LaneEvidence) -> LaneEvidence:
+    """Return what may belong to one of the approaches, however far telemetry is off."""
+    near = np.zeros(len(seen), np.bool_)
+    for approach in approaches:
+        offset, _, along = offsets(approach, seen)
+        reach_m = REACH_M + float(SHIFTS_M[-1]) + approach.lanes * approach.lane_width_m
+        near |= along & (np.abs(offset) < reach_m)
+    return seen.where(near)
 
 
 def _alignment(
     approaches: Sequence[Approach],
-    seen: Samples,
-    pivot: Floats,
+    seen: LaneEvidence,
+    camera: Camera,
     solution: Floats,
     covariance: Floats,
     modes_m2: float,
 ) -> Alignment | None:
-    A = _affine(solution, pivot, _across(seen))
-    lateral = _lateral(approaches, _moved(seen, A), REACH_M)
-    known = np.isfinite(lateral.miss_m)
-    vehicles, owner = np.unique(seen.owner[known], return_inverse=True)
-    count = np.bincount(owner)
-    mean = np.bincount(owner, lateral.miss_m[known]) / count
-    width = np.bincount(owner, lateral.width_m[known]) / count
-    agree = np.abs(mean) < AGREES * width
-    if agree.sum() < MIN_VEHICLES or agree.sum() < MIN_AGREEING * len(vehicles):
+    placed = _moved(seen, solution, camera)
+    found = lateral(approaches, placed, REACH_M)
+    on_it = np.isfinite(found.miss_m)
+    J = _jacobian(placed, found.left, solution, camera)
+    found = replace(found, miss_m=found.miss_m + J[:, SHARED] @ solution[SHARED])
+    vehicles, residual_m = _vehicles_that_agree(seen, found)
+    marks = _marks_that_agree(seen, found)
+    if not _is_believable(seen.where(on_it), vehicles, marks):
         return None
-    middle = seen.enu.mean(axis=0)
-    left = _across(seen)
-    J = _jacobian(middle[None], left[None], pivot, left)[0]
-    shift_m = float((A[:, :2] @ middle + A[:, 2] - middle) @ left)
+    J[:, SHARED] = 0.0
+    move = ((placed.enu - seen.enu) * found.left).sum(axis=1)[on_it]
+    variance = np.einsum("ni,ij,nj->n", J[on_it], covariance, J[on_it]) + modes_m2 + FLOOR_M**2
+    middle, left = _middle(approaches, seen)
+    H = _homography(solution, camera)
+    shift = apply_homography(H, middle[None])[0] - middle
     return Alignment(
-        A_true_enu=A,
-        rotation_deg=float(np.degrees(solution[0])),
+        H_true_enu=H,
+        rotation_deg=float(np.degrees(solution[TURN])),
         rotation_sigma_deg=float(np.hypot(np.degrees(np.sqrt(covariance[0, 0])), FLOOR_DEG)),
-        shift_m=shift_m,
-        shift_sigma_m=float(np.sqrt(J @ covariance @ J + modes_m2 + FLOOR_M**2)),
-        residual_m=float(np.sqrt((mean[agree] ** 2).mean())),
-        vehicles=int(agree.sum()),
+        tilt_deg=float(np.degrees(np.linalg.norm(solution[TILT]))),
+        shift_m=float(shift @ left),
+        shift_sigma_m=float(np.sqrt(np.median(variance))),
+        move_m=float(np.quantile(np.abs(move), MOST)),
+        move_sigma_m=float(np.sqrt(np.quantile(variance, MOST))),
+        residual_m=residual_m,
+        vehicles=vehicles,
+        marks=marks,
     )
 
 
+def _is_believable(on_road: LaneEvidence, vehicles: int, marks: int) -> bool:
+    """Tell whether enough agrees, and of each kind most, where it is more than a few strays."""
+    shown = int(on_road.is_mark.sum())
+    enough = vehicles >= MIN_VEHICLES or marks >= MIN_MARKS
+    most_vehicles = vehicles >= MIN_AGREEING * on_road.vehicles
+    most_marks = shown < MIN_MARKS or marks >= MIN_MARKS_AGREEING * shown
+    return enough and most_vehicles and most_marks
+
+
+def _vehicles_that_agree(seen: LaneEvidence, found: Lateral) -> tuple[int, float]:
+    """Return how many vehicles keep to a lane's middle, and how well."""
+    used = np.isfinite(found.miss_m) & ~seen.is_mark
+    if not used.any():
+        return 0, 0.0
+    _, owner = np.unique(seen.owner[used], return_inverse=True)
+    count = np.bincount(owner)
+    mean = np.bincount(owner, found.miss_m[used]) / count
+    width = np.bincount(owner, found.width_m[used]) / count
+    agree = np.abs(mean) < VEHICLE_AGREES * width
+    return int(agree.sum()), float(np.sqrt((mean[agree] ** 2).mean())) if agree.any() else 0.0
+
+
+def _marks_that_agree(seen: LaneEvidence, found: Lateral) -> int:
+    with np.errstate(invalid="ignore"):
+        agree = seen.is_mark & (np.abs(found.miss_m) < MARK_AGREES * found.width_m)
+    return int(agree.sum())
+
+
 def _search(
-    approaches: Sequence[Approach], seen: Samples, pivot: Floats
-) -> tuple[Floats | None, float]:
+    approaches: Sequence[Approach], seen: LaneEvidence, camera: Camera
+) -> tuple[Floats, float]:
     """Try shifts across the road and rotations; -> the best, and the variance by other modes."""
-    some = seen.where(np.arange(len(seen)) % max(len(seen) // SEARCH_SAMPLES, 1) == 0)
-    across = _across(seen)
-    rotations = np.radians(ROTATIONS_DEG)
-    shift, turn = (g.ravel() for g in np.meshgrid(SHIFTS_M, rotations, indexing="ij"))
-    # Shifts are those at the traffic's middle, whatever the turn about the pivot does there.
-    arm = _turned(seen.enu.mean(axis=0) - pivot) @ across
-    at_pivot = shift - turn * arm
+    some, weight = _thinned(seen)
+    middle, across = _middle(approaches, seen)
+    turn, shift = (
+        g.ravel() for g in np.meshgrid(np.radians(ROTATIONS_DEG), SHIFTS_M, indexing="ij")
+    )
+    # Shifts are those at the evidence's middle, whatever the turn about the camera does there.
+    at_foot = shift - turn * (turned(middle - camera.foot_enu) @ across)
+    sigma_m = np.where(some.is_mark, MARK_SIGMA_M[0], VEHICLE_SIGMA_M)
     best = np.full((len(shift), len(some)), WORST)
     for approach in approaches:
-        offset, left, along = _offsets(approach, some)
-        used = along & (np.abs(offset) < REACH_M + np.abs(SHIFTS_M).max() + _width(approach))
-        if not used.any():
-            continue
-        lever = (_turned(some.enu - pivot) * left).sum(axis=1)
-        moved = offset + at_pivot[:, None] * (left @ across) + turn[:, None] * lever
-        cost = np.minimum((_miss(approach, moved) / VEHICLE_SIGMA_M) ** 2, WORST)
-        best = np.where(used, np.minimum(best, cost), best)
-    if (best == WORST).all():
-        return None, 0.0
-    evidence = STEP_M / WANDER_M * len(seen) / len(some)
-    total = evidence * best.sum(axis=1) + (at_pivot / SHIFT_SIGMA_M) ** 2
+        offset, left, along = offsets(approach, some)
+        lever = (turned(some.enu - camera.foot_enu) * left).sum(axis=1)
+        moved = offset + at_foot[:, None] * (left @ across) + turn[:, None] * lever
+        cost = np.minimum((miss_m(approach, moved, some.is_mark) / sigma_m) ** 2, WORST)
+        best = np.where(along, np.minimum(best, cost), best)
+    total = best @ weight + (at_foot / SHIFT_SIGMA_M) ** 2
     total += (np.degrees(turn) / ROTATION_SIGMA_DEG) ** 2
     chosen = int(np.argmin(total))
     likelihood = np.exp(-(total - total[chosen]) / 2)
     away = shift - shift[chosen]
     other = np.abs(away) > OTHER_MODE_M
     modes_m2 = float((likelihood * away**2)[other].sum() / likelihood.sum())
-    return np.array([turn[chosen], *(at_pivot[chosen] * across), 0.0]), modes_m2
+    start = np.zeros(8)
+    start[TURN], start[SHIFT] = turn[chosen], at_foot[chosen] * across
+    return start, modes_m2
+
+
+def _thinned(seen: LaneEvidence) -> tuple[LaneEvidence, Floats]:
+    """Return some of the vehicles' samples and of the marks, and what each is worth."""
+    chosen, weight = np.zeros(len(seen), np.bool_), seen.weight.copy()
+    for kind, most in ((seen.is_mark, np.inf), (~seen.is_mark, SEARCH_VEHICLES)):
+        rows = np.flatnonzero(kind)
+        kept = rows[:: max(len(rows) // SEARCH_SAMPLES, 1)]
+        chosen[kept] = True
+        weight[kept] *= min(weight[rows].sum(), most) / max(weight[kept].sum(), 1e-9)
+    return seen.where(chosen), np.asarray(weight[chosen])
 
 
 def _refine(
-    approaches: Sequence[Approach], seen: Samples, pivot: Floats, start: Floats
+    approaches: Sequence[Approach],
+    seen: LaneEvidence,
+    camera: Camera,
+    start: Floats,
+    share_m: float,
 ) -> tuple[Floats, Floats]:
-    """Gauss–Newton with Huber weights over turn, shift and scale across; -> them, covariance."""
-    across = _across(seen)
-    prior = np.diag(
-        [
-            np.radians(ROTATION_SIGMA_DEG) ** -2.0,
-            SHIFT_SIGMA_M**-2.0,
-            SHIFT_SIGMA_M**-2.0,
-            SCALE_SIGMA**-2.0,
-        ]
-    )
+    """Gauss–Newton with Huber weights; -> the solution (8,), its covariance."""
+    sigmas = np.empty(8)
+    sigmas[TURN], sigmas[SHIFT] = np.radians(ROTATION_SIGMA_DEG), SHIFT_SIGMA_M
+    sigmas[SCALE], sigmas[TILT], sigmas[SHARED] = SCALE_SIGMA, TILT_SIGMA, share_m
+    prior = np.diag(sigmas**-2.0)
     solution, normal = start, prior
-    for _ in range(ROUNDS):
-        moved = _moved(seen, _affine(solution, pivot, across))
-        lateral = _lateral(approaches, moved, REACH_M)
-        used = np.isfinite(lateral.miss_m) & (np.abs(lateral.miss_m) < 4 * VEHICLE_SIGMA_M)
-        miss = lateral.miss_m[used]
-        J = _jacobian(moved.enu[used], lateral.left[used], pivot, across)
-        weight = np.minimum(1.0, 1.5 * VEHICLE_SIGMA_M / np.maximum(np.abs(miss), 1e-9))
-        weight *= STEP_M / WANDER_M / VEHICLE_SIGMA_M**2
+    for n in range(ROUNDS):
+        mark_m = MARK_SIGMA_M[min(n, len(MARK_SIGMA_M) - 1)]
+        sigma_m = np.where(seen.is_mark, mark_m, VEHICLE_SIGMA_M)
+        placed = _moved(seen, solution, camera)
+        found = lateral(approaches, placed, REACH_M)
+        J = _jacobian(placed, found.left, solution, camera)
+        miss = found.miss_m + J[:, SHARED] @ solution[SHARED]
+        used = np.abs(miss) < 4 * sigma_m  # NaN is not
+        J, miss = J[used], miss[used]
+        weight = np.minimum(1.0, 1.5 * sigma_m[used] / np.maximum(np.abs(miss), 1e-9))
+        weight *= seen.weight[used] / sigma_m[used] ** 2
         normal = (J * weight[:, None]).T @ J + prior
         step = np.linalg.solve(normal, -(J * weight[:, None]).T @ miss - prior @ solution)
         solution = solution + step
-    return solution, np.linalg.inv(normal)
+    return solution, np.asarray(np.linalg.inv(normal))
 
 
-def _lateral(approaches: Sequence[Approach], seen: Samples, reach_m: float) -> _Lateral:
-    n = len(seen)
-    miss, left, width = np.full(n, np.nan), np.zeros((n, 2)), np.full(n, np.nan)
-    for approach in approaches:
-        offset, here, along = _offsets(approach, seen)
-        own = _miss(approach, offset)
-        better = along & (np.abs(own) < reach_m)
-        better &= ~(np.abs(own) >= np.abs(miss))  # NaN: nothing found before
-        miss[better], left[better] = own[better], here[better]
-        width[better] = approach.lane_width_m
-    return _Lateral(miss, left, width)
+def _homography(solution: Floats, camera: Camera) -> Floats:
+    """Return the plane's motion (3, 3): turned, scaled and tilted about the foot, then shifted.
+
+    A slope t puts the point q from the foot at q / (1 - t q / height).
+    """
+    c, s = np.cos(solution[TURN]), np.sin(solution[TURN])
+    H = np.eye(3)
+    H[:2, :2] = (1.0 + solution[SCALE]) * np.array([[c, -s], [s, c]])
+    H[2, :2] = -solution[TILT] / camera.height_m
+    there, back = np.eye(3), np.eye(3)
+    there[:2, 2], back[:2, 2] = camera.foot_enu + solution[SHIFT], -camera.foot_enu
+    return np.asarray(there @ H @ back)
 
 
-def _offsets(approach: Approach, seen: Samples) -> tuple[Floats, Floats, Bools]:
-    """Return offsets, unit vectors to the left, and who drives along the approach, its way."""
-    station, offset, course = locate(approach, seen.enu)
-    length = float(np.linalg.norm(np.diff(approach.axis_enu, axis=0), axis=1).sum())
-    station = station - approach.start_station_m
-    beside = (station > 0.0) & (station < length)
-    same_way = (course * seen.course).sum(axis=1) > SAME_WAY_COS
-    return offset, _turned(course), np.asarray(beside & same_way)
+def _moved(seen: LaneEvidence, solution: Floats, camera: Camera) -> LaneEvidence:
+    H = _homography(solution, camera)
+    enu = apply_homography(H, seen.enu)
+    ahead = apply_homography(H, seen.enu + seen.course) - enu
+    course = ahead / np.linalg.norm(ahead, axis=1, keepdims=True)
+    return LaneEvidence(enu, course, seen.owner, seen.weight)
 
 
-def _miss(approach: Approach, offset_m: Floats) -> Floats:
-    """Return how far to the left of the nearest lane's centre offsets lie, of any shape."""
-    lane: Ints = np.floor(-offset_m / approach.lane_width_m).astype(np.int64)
-    lane = np.clip(lane, 0, approach.lanes - 1)
-    return np.asarray(offset_m + (lane + 0.5) * approach.lane_width_m)
+def _jacobian(placed: LaneEvidence, left: Floats, solution: Floats, camera: Camera) -> Floats:
+    """Return what moves evidence along `left` (n, 2), to the first order: (n, 8)."""
+    arm = placed.enu - camera.foot_enu - solution[SHIFT]
+    aside = (arm * left).sum(axis=1)
+    shared = np.where(placed.is_mark[:, None], 0.0, left)
+    return np.column_stack(
+        [
+            (turned(arm) * left).sum(axis=1),
+            left,
+            aside,
+            aside[:, None] * arm / camera.height_m,
+            shared,
+        ]
+    )
 
 
-def _width(approach: Approach) -> float:
-    return approach.lanes * approach.lane_width_m
-
-
-def _across(seen: Samples) -> Floats:
-    """Return the unit vector across the road most went along, to the left of its first vehicle."""
+def _middle(approaches: Sequence[Approach], seen: LaneEvidence) -> tuple[Floats, Floats]:
+    """Return the middle of the evidence, and the unit vector to the left of the road there."""
     axis = np.linalg.eigh(seen.course.T @ seen.course)[1][:, -1]
-    sign = 1.0 if seen.course[0] @ axis > 0 else -1.0
-    return _turned(sign * axis)
-
-
-def _turned(vectors: Floats) -> Floats:
-    """Return vectors (..., 2) turned 90° to the left."""
-    return np.stack([-vectors[..., 1], vectors[..., 0]], axis=-1)
-
-
-def _affine(solution: Floats, pivot: Floats, across: Floats) -> Floats:
-    turn, shift, scale = solution[0], solution[1:3], solution[3]
-    c, s = np.cos(turn), np.sin(turn)
-    linear = np.array([[c, -s], [s, c]]) @ (np.eye(2) + scale * np.outer(across, across))
-    return np.column_stack([linear, pivot + shift - linear @ pivot])
-
-
-def _moved(seen: Samples, A: Floats) -> Samples:
-    return Samples(seen.enu @ A[:, :2].T + A[:, 2], seen.course @ A[:, :2].T, seen.owner)
-
-
-def _jacobian(enu: Floats, left: Floats, pivot: Floats, across: Floats) -> Floats:
-    """Return what moves points (n, 2) along `left` (n, 2): turn, shift east and north, scale."""
-    arm = enu - pivot
-    scaled = (arm @ across) * (left @ across)
-    return np.column_stack([(_turned(arm) * left).sum(axis=1), left, scaled])
+    first = approaches[0].axis_enu[-1] - approaches[0].axis_enu[0]
+    return seen.enu.mean(axis=0), turned(axis if first @ axis >= 0 else -axis)

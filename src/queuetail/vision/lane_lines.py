@@ -1,0 +1,220 @@
+"""Painted lines along the approaches: where the picture shows them, by telemetry's measure.
+
+The luma is read on a grid of stations and offsets.  A line is a ridge across the road: brighter
+than what lies on both its sides.  Vehicles pass and shadows have edges but no ridges, so the mean
+over pictures and over a dash and its gap keeps the paint.
+
+Source: Veit et al., Evaluation of road marking feature extraction (2008): of the plain extractors,
+the symmetrical local threshold, which compares with both sides, does best.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from queuetail.geo.ground import enu_to_px
+from queuetail.traffic.lane_evidence import NO_MARKS, WINDOW_M, LineMarks
+from queuetail.traffic.road import locate, place
+from queuetail.types import Approach, Bools, Floats, GroundMapping, Image
+
+ALONG_M, ACROSS_M = 0.75, 0.1  # of the grid
+BESIDE_M = 8.0  # of the lanes, as far as telemetry may be off
+STEP_S = 0.5
+SIDE_M, SIDE_PX = 0.35, 1.6  # from a line's middle to the asphalt beside it
+MAX_GSD_M = 0.25  # across the road: beyond, a gravel verge is as narrow as a line
+MIN_PICTURES = 6
+STRAY = 30.0  # levels: no picture counts for more, be it of a white roof
+MIN_LEVELS = 1.0
+MIN_CLARITY = 6.0  # standard errors above what is near,
+MIN_SPREADS = 4.5  # and above what asphalt with its blotches shows all over
+NEAR_M = 1.0
+LEAST_ERROR = 0.1  # levels
+MAD_SIGMA = 1.4826
+MIN_APART_M = 0.6
+SKEWS = np.arange(-0.08, 0.081, 0.01)  # metres aside per metre along
+
+
+class LaneLines:
+    """Gathers ridges beside and in the lanes of the approaches over some seconds."""
+
+    def __init__(self, approaches: Sequence[Approach]) -> None:
+        self._approaches = tuple(approaches)
+        self._grids: tuple[_Grid | None, ...] | None = None
+        self._last_s = -np.inf
+
+    def update(self, luma: Image, mapping: GroundMapping, t_s: float) -> None:
+        """Take in a picture (h, w); those that follow the last one too closely are passed over."""
+        if t_s - self._last_s < STEP_S:
+            return
+        self._last_s = t_s
+        if self._grids is None:
+            self._grids = tuple(_Grid.seen(a, mapping, luma.shape) for a in self._approaches)
+        for grid in self._grids:
+            if grid is not None:
+                grid.add(luma, mapping)
+
+    @property
+    def marks(self) -> LineMarks:
+        """Return where lines are, by the mappings that the pictures came with."""
+        parts = [NO_MARKS]
+        before: list[_Grid] = []
+        for grid in self._grids or ():
+            if grid is None or grid.pictures < MIN_PICTURES:
+                continue
+            marks = _marks(grid)
+            for other in before:  # carriageways side by side see each other's lines
+                new = ~other.covers(marks.enu)
+                marks = LineMarks(marks.enu[new], marks.course[new])
+            parts.append(marks)
+            before.append(grid)
+        return LineMarks(
+            np.concatenate([p.enu for p in parts]), np.concatenate([p.course for p in parts])
+        )
+
+
+class _Grid:
+    """Stations by offsets of one approach, and the mean ridge at each."""
+
+    def __init__(self, approach: Approach, station_m: Floats, offset_m: Floats) -> None:
+        self.approach, self.station_m, self.offset_m = approach, station_m, offset_m
+        s, d = np.meshgrid(station_m, offset_m, indexing="ij")
+        self._enu = place(approach, s.ravel(), d.ravel())
+        self._sum = np.zeros(s.shape, np.float32)
+        self._count = np.zeros(s.shape, np.float32)
+        self.pictures = 0
+
+    @classmethod
+    def seen(
+        cls, approach: Approach, mapping: GroundMapping, shape: tuple[int, ...]
+    ) -> _Grid | None:
+        """Return the grid over the stations that a picture shows finely enough, if any."""
+        length_m = float(np.linalg.norm(np.diff(approach.axis_enu, axis=0), axis=1).sum())
+        station = approach.start_station_m + np.arange(ALONG_M / 2, length_m, ALONG_M)
+        width_m = approach.lanes * approach.lane_width_m
+        middle = np.full(len(station), -width_m / 2)
+        px = enu_to_px(mapping, place(approach, station, middle))
+        gsd_m = _gsd_m(approach, mapping, station, middle)
+        with np.errstate(invalid="ignore"):
+            shown = ((px > 0) & (px < np.array(shape[1::-1]))).all(axis=1) & (gsd_m < MAX_GSD_M)
+        if shown.sum() * ALONG_M < 2 * WINDOW_M:
+            return None
+        first, last = np.flatnonzero(shown)[[0, -1]]
+        offset = np.arange(-width_m - BESIDE_M, BESIDE_M + ACROSS_M / 2, ACROSS_M)
+        return cls(approach, station[first : last + 1], offset)
+
+    def add(self, luma: Image, mapping: GroundMapping) -> None:
+        """Take in the ridges of a picture."""
+        shape = self._sum.shape
+        px = enu_to_px(mapping, self._enu).astype(np.float32).reshape(*shape, 2)
+        height, width = luma.shape
+        inside = (px > 1).all(axis=2) & (px[..., 0] < width - 1) & (px[..., 1] < height - 1)
+        seen = cv2.remap(luma, px - np.float32(0.5), None, cv2.INTER_LINEAR).astype(np.float32)
+        ridge = self._ridge(seen, mapping)
+        inside &= np.isfinite(ridge)
+        self._sum += np.where(inside, np.clip(ridge, -STRAY, STRAY), 0.0)
+        self._count += inside
+        self.pictures += 1
+
+    def covers(self, enu: Floats) -> Bools:
+        """Tell which points (n, 2) the grid lies over."""
+        station, offset, _ = locate(self.approach, enu)
+        along = (station > self.station_m[0]) & (station < self.station_m[-1])
+        return np.asarray(along & (offset > self.offset_m[0]) & (offset < self.offset_m[-1]))
+
+    def windows(self) -> tuple[Floats, Floats, Floats]:
+        """Return the middles of windows (w,), and by offset mean ridges and their clarity (w, n).
+
+        A wrong heading sets lines askew: every window is sheared until they stand out the most.
+        """
+        rows = round(WINDOW_M / ALONG_M)
+        starts = np.arange(0, len(self.station_m) - rows + 1, rows)
+        used = len(starts) * rows
+        seen = self._count[:used] > self.pictures / 2
+        ridge = np.where(seen, self._sum[:used] / np.fmax(self._count[:used], 1), 0.0)
+        ridge = ridge.reshape(len(starts), rows, -1)
+        seen = seen.reshape(ridge.shape)
+        along_m = (np.arange(rows) - (rows - 1) / 2) * ALONG_M
+        tried = [_along(ridge, seen, along_m * skew) for skew in SKEWS]
+        means, clarities = (np.stack(values) for values in zip(*tried, strict=True))
+        distinct = (np.maximum(clarities - MIN_CLARITY / 2, 0.0) ** 2).sum(axis=2)
+        best, window = np.argmax(distinct, axis=0), np.arange(len(starts))
+        return self.station_m[starts] + along_m[-1], means[best, window], clarities[best, window]
+
+    def _ridge(self, seen: Floats, mapping: GroundMapping) -> Floats:
+        """Return by how much every cell is brighter than the brighter of its two sides."""
+        station = self.station_m
+        middle = np.full(len(station), float(self.offset_m.mean()))
+        gsd_m = _gsd_m(self.approach, mapping, station, middle)
+        side_m = np.fmax(SIDE_M, SIDE_PX * gsd_m)
+        side = np.round(side_m / ACROSS_M).astype(np.int64)[:, None]
+        columns = np.arange(len(self.offset_m))
+        left, right = columns + side, columns - side
+        rows = np.arange(len(station))[:, None]
+        last = len(columns) - 1
+        beside = np.maximum(seen[rows, np.clip(left, 0, last)], seen[rows, np.clip(right, 0, last)])
+        return np.where((left <= last) & (right >= 0), seen - beside, np.nan)
+
+
+def _along(ridge: Floats, seen: Bools, aside_m: Floats) -> tuple[Floats, Floats]:
+    """Return mean ridges along lines that run askew, and their clarity; (w, rows, n) -> (w, n).
+
+    Clarity is how many standard errors a mean lies above those beside it.
+    """
+    shift = np.round(aside_m / ACROSS_M).astype(np.int64)
+    ridge = np.stack([np.roll(ridge[:, row], -k, axis=1) for row, k in enumerate(shift)])
+    seen = np.stack([np.roll(seen[:, row], -k, axis=1) for row, k in enumerate(shift)])
+    count = seen.sum(axis=0)
+    mean = ridge.sum(axis=0) / np.fmax(count, 1)
+    spread = np.where(seen, (ridge - mean) ** 2, 0.0).sum(axis=0) / np.fmax(count - 1, 1)
+    near = round(NEAR_M / ACROSS_M)
+    error = np.sqrt(cv2.blur(spread, (2 * near + 1, 1)) / np.fmax(count, 1) + LEAST_ERROR**2)
+    # At a step of brightness ridges are low on one side only.
+    beside = [cv2.blur(mean, (near, 1), anchor=(end, 0)) for end in (0, near - 1)]
+    clarity = (mean - np.maximum(*beside)) / error
+    return mean, np.where(count > len(shift) / 2, clarity, -np.inf)
+
+
+def _gsd_m(
+    approach: Approach, mapping: GroundMapping, station_m: Floats, offset_m: Floats
+) -> Floats:
+    """Return how much ground across the road a pixel covers, (n,)."""
+    here, there = (
+        enu_to_px(mapping, place(approach, station_m, offset_m + aside)) for aside in (-0.5, 0.5)
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(1.0 / np.linalg.norm(there - here, axis=1))
+
+
+def _marks(grid: _Grid) -> LineMarks:
+    middle_m, mean, clarity = grid.windows()
+    shown = np.abs(clarity[np.isfinite(clarity)])
+    if not len(shown):
+        return NO_MARKS
+    least = max(MIN_CLARITY, MIN_SPREADS * MAD_SIGMA * float(np.median(shown)))
+    stations: list[float] = []
+    offsets: list[float] = []
+    for station_m, profile, clear in zip(middle_m, mean, clarity, strict=True):
+        for column in _peaks(profile, clear, least):
+            stations.append(station_m)
+            offsets.append(grid.offset_m[0] + column * ACROSS_M)
+    s, d = np.array(stations), np.array(offsets)
+    enu = place(grid.approach, s, d).reshape(-1, 2)
+    return LineMarks(enu, locate(grid.approach, enu)[2])
+
+
+def _peaks(mean: Floats, clarity: Floats, least: float) -> list[float]:
+    """Return the columns, to a fraction, of a profile's maxima (n,) clearer than `least`."""
+    left = np.where(mean > MIN_LEVELS, clarity, -np.inf)
+    found: list[float] = []
+    reach = round(MIN_APART_M / ACROSS_M)
+    while left.max() > least:
+        top = int(np.argmax(left))
+        around = slice(max(top - reach, 0), top + reach + 1)
+        columns, ridge = np.arange(len(mean))[around], mean[around]
+        above = np.maximum(ridge - ridge.max() / 2, 0.0)  # strays are cut: its top may be flat
+        found.append(float(columns @ above / above.sum()))
+        left[around] = -np.inf
+    return found
