@@ -208,6 +208,7 @@ class LaneDetections:
     body: Floats  # (n,) share of its columns that show more than cast shadow
     shadow: Bools  # (n,) it is only the shadow of what is beside it
     roof: Bools  # (n,) it is only what shows beyond a tall vehicle: its ends are rough
+    astride: Bools  # (n,) it lies on the edge between its lane and the next to the right
     speed_mps: tuple[Floats, ...] = ()  # of each band (lanes, columns): the picture's, NaN unknown
     hidden: tuple[Bools, ...] = ()  # of each band (lanes, columns): behind a tall vehicle
 
@@ -240,6 +241,7 @@ class RoadPoints:
     body: Floats  # (n,) share of its length that shows more than cast shadow
     shadow: Bools  # (n,) it is only the shadow of what is beside it
     roof: Bools  # (n,) it is only what shows beyond a tall vehicle: its ends are rough
+    astride: Bools  # (n,) it lies on the edge between its lane and the next to the right
     spans: dict[int, tuple[float, float]]
     boxes_px: Floats  # (n, 4) in input-video pixels
     sights: dict[tuple[int, int], LaneSight] = field(default_factory=dict)  # (approach, lane)

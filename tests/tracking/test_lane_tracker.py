@@ -80,6 +80,7 @@ def points(
         body=rows[:, 4],
         shadow=np.zeros(n, np.bool_),
         roof=np.zeros(n, np.bool_),
+        astride=np.zeros(n, np.bool_),
         spans={0: view},
         boxes_px=np.zeros((n, 4)),
         sights=sights(flows, hidden),
@@ -101,10 +102,13 @@ class Road:
         flows: Sequence[Flow] = (),
         hidden: Sequence[Hidden] = (),
         shadows: Sequence[int] = (),
+        astride: bool = False,
     ) -> Tracks:
         raster = RoadRaster(np.zeros((1, 1), np.uint8), 5.0, (BAND,), 1, approaches, {0: VIEW})
         told = points(seen, flows=flows, hidden=hidden)
         told.shadow[np.isin(told.lane, shadows)] = True
+        if astride:
+            told.astride[:], told.offset_m[:] = True, -3.6
         tracks = self.tracker.update(told, Scene(self.t_s, raster, MAPPING))
         self.t_s += dt_s
         return tracks
@@ -141,6 +145,41 @@ def test_a_driving_car_is_confirmed_soon_and_measured_well() -> None:
     assert rear(tracks) == pytest.approx(-3.0 + 25.0 * 5.9, abs=0.4)
     assert tracks.length_m[0] == pytest.approx(4.6, abs=0.3)
     assert tracks.sigma_m[0] < 0.4
+
+
+@pytest.mark.parametrize("to_lane", [1, 2])
+def test_a_car_that_drives_between_two_lanes_for_long_is_one_car(to_lane: int) -> None:
+    road = Road()
+    for step in range(100):
+        at = 1.0 + 6.0 * step / 10
+        between = 40 <= step < 70
+        lane = 1 if step < 70 else to_lane
+        # Beside it, where it was taken out of the lane's middle, the road stands still.
+        still = [(1, 0.0, VIEW[1], 0.0)] if between else []
+        tracks = road.see((lane, at, at + 4.6), flows=still, astride=between)
+        if between:
+            assert tracks.velocity_mps[0, 0] == pytest.approx(6.0, abs=0.5)
+    assert tracks.ids.tolist() == [1]
+    assert confirmed(tracks) == [0]
+    assert rear(tracks) == pytest.approx(1.0 + 6.0 * 9.9, abs=0.4)
+
+
+def test_nothing_is_born_between_two_lanes() -> None:
+    road = Road()
+    for step in range(30):
+        at = 1.0 + 6.0 * step / 10
+        assert len(road.see((1, at, at + 4.6), astride=True)) == 0
+
+
+def test_the_road_that_stands_still_does_not_stop_a_car_that_is_not_seen() -> None:
+    road = Road()
+    for step in range(40):
+        at = 1.0 + 10.0 * step / 10
+        road.see((1, at, at + 4.6), flows=[(1, at, at + 4.6, 10.0)])
+    for _ in range(8):
+        tracks = road.see(flows=[(1, 0.0, VIEW[1], 0.0)])
+    assert tracks.velocity_mps[0, 0] == pytest.approx(10.0, abs=0.5)
+    assert rear(tracks) == pytest.approx(1.0 + 10.0 * 4.7, abs=0.8)
 
 
 @given(

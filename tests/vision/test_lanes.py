@@ -79,6 +79,42 @@ def test_vehicles_side_by_side_are_two() -> None:
     assert sorted(found.lane.tolist()) == [1, 2]
 
 
+def astride_box(rear: int, length: int = 23, aside_m: float = 0.0) -> tuple[slice, slice]:
+    """Return a car's rows and columns on the edge between lanes 1 and 2, or farther right."""
+    middle = (ROAD.lane_rows[0] + ROAD.lane_rows[1]) / 2 + aside_m * PX_PER_M
+    return np.s_[round(middle - 4.5) : round(middle + 4.5), rear : rear + length]
+
+
+@pytest.mark.parametrize("aside_m", [-0.5, 0.0, 0.5])
+def test_a_car_between_two_lanes_is_found_once(aside_m: float) -> None:
+    mask = empty()
+    mask[astride_box(200, aside_m=aside_m)] = 255
+    mask[car_box(ROAD, 1, 300)] = 255
+    found = find(mask)
+    assert found.astride.tolist() == [False, True]
+    assert found.lane.tolist() == [1, 1]
+    assert found.rear_column[1] == pytest.approx(200, abs=1)
+    assert found.front_column[1] == pytest.approx(223, abs=1)
+    middle = (ROAD.lane_rows[0] + ROAD.lane_rows[1]) / 2
+    assert found.row[1] == pytest.approx(middle + aside_m * PX_PER_M, abs=1)
+
+
+def test_what_joins_two_cars_side_by_side_is_no_third() -> None:
+    mask = empty()
+    for lane in (1, 2):
+        mask[car_box(ROAD, lane, 200)] = 255
+    mask[astride_box(202, 18)] = 255
+    assert not find(mask).astride.any()
+
+
+def test_shade_between_two_lanes_is_no_vehicle() -> None:
+    mask = empty()
+    mask[astride_box(200)] = 255
+    masks = masks_of(mask, None)
+    masks.shade[:] = mask
+    assert len(LaneDetector().find(masks, raster(mask, ROAD))) == 0
+
+
 def test_what_the_picture_cuts_is_told_at_either_end() -> None:
     of = band(visible=(50, 550))
     mask = empty(of)

@@ -33,7 +33,7 @@ def detections(columns: Floats, row: float) -> LaneDetections:
     band = np.zeros(n, np.int64)
     return LaneDetections(
         band, band + 1, columns, columns + 30.0, np.full(n, row), cut, cut,
-        np.full(n, 0.5), np.ones(n), cut, cut,
+        np.full(n, 0.5), np.ones(n), cut, cut, cut,
     )  # fmt: skip
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from queuetail.tracking.lane_vehicle import STANDING_MPS, LaneVehicle
+from queuetail.tracking.lane_vehicle import DRIVING_MPS, STANDING_MPS, LaneVehicle
 from queuetail.types import LaneSight
 
 HIDDEN_SHARE = 0.5  # of a vehicle's length, for it to be hidden
@@ -15,12 +15,17 @@ FLOW_SHARE = 0.25  # of a vehicle's length whose motion is known
 RESTING_MPS = 0.3
 
 
-def follow_flow(vehicle: LaneVehicle, sight: LaneSight | None) -> None:
-    """Correct a vehicle's speed by how the picture moves where it is, unless that is another's."""
+def follow_flow(vehicle: LaneVehicle, sight: LaneSight | None, was_seen: bool) -> None:
+    """Correct a vehicle's speed by how the picture moves where it is, unless that is another's.
+
+    Where a vehicle `was_seen` no more, it is the road or a bridge that stands still.
+    """
     flow = flow_mps(sight, vehicle.rear_m, vehicle.front_m)
     if flow is None or flow[0] < -RESTING_MPS:
         return
     speed_mps, sigma_mps = flow
+    if abs(speed_mps) < RESTING_MPS and vehicle.speed_mps > DRIVING_MPS and not was_seen:
+        return
     if abs(speed_mps) < RESTING_MPS and vehicle.speed_mps < STANDING_MPS:
         # Still is still: noise that is cut off at 0 would make it creep.
         speed_mps = 0.0

@@ -10,10 +10,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from queuetail.geo.ground import enu_to_px
 from queuetail.tracking.lane_correction import correct_many, correct_one, keep_behind
 from queuetail.tracking.lane_sight import flow_mps, follow_flow, is_hidden
+from queuetail.tracking.lane_tracks import tracks_of
 from queuetail.tracking.lane_vehicle import (
+    DRIVING_MPS,
     FIRST_SPEED_SIGMA_MPS,
     LEAST_BODY,
     SHADE_KNOWN_S,
@@ -30,16 +31,13 @@ from queuetail.tracking.lane_vehicle import (
     without_doubles,
 )
 from queuetail.tracking.parts import joined_parts, mark_rows, merge_followers
-from queuetail.traffic.road import place
 from queuetail.types import (
     Approach,
-    Floats,
     LaneSight,
     RoadPoints,
     RoadRaster,
     Scene,
     Tracks,
-    TrackState,
 )
 
 TYPICAL_LENGTH_M = 4.7
@@ -51,10 +49,10 @@ ENTRY_M = 20.0  # from the upstream end of what is seen, where vehicles may firs
 APPARITION_S = 6.0
 COAST_S, TENTATIVE_COAST_S = 1.2, 0.25  # without a trace in the picture
 HIDDEN_S, HIDDEN_DRIVING_S = 60.0, 3.0  # behind a tall vehicle that stands, or that drives
-DRIVING_MPS = 4.0
 FLOW_FIRST_SIGMA_MPS = 1.0  # at the least, of a newcomer: it may be something else that moves there
 STAIN_CONTRAST, MIN_STANDING_M = 0.17, 2.8
 SHADE_HIDDEN_S = 3.0
+ASTRIDE_SHARED = 0.6  # of the shorter, of a vehicle and what is seen between its lane and the next
 SAME_PLACE = 0.45  # overlap, as a share of the shorter, at which one drives through the other
 
 
@@ -88,14 +86,17 @@ class LaneTracker:
             # Another road, or another idea of where it is: stations no longer mean the same.
             self._approaches, self._vehicles, self._first_s = scene.raster.approaches, [], None
             self._driven = []
-        dt_s = 0.0 if self._last_s is None else max(scene.t_s - self._last_s, 0.0)
-        self._last_s = scene.t_s
+        before_s = scene.t_s if self._last_s is None else self._last_s
+        dt_s, self._last_s = max(scene.t_s - before_s, 0.0), scene.t_s
         self._first_s = scene.t_s if self._first_s is None else self._first_s
+        measured, astride = _by_lane(points)
         for vehicle in self._vehicles:
             vehicle.predict(dt_s)
-            follow_flow(vehicle, points.sights.get((vehicle.approach, vehicle.lane)))
+        self._follow_astride(astride, scene.t_s, dt_s)
+        for vehicle in self._vehicles:
+            sight = points.sights.get((vehicle.approach, vehicle.lane))
+            follow_flow(vehicle, sight, vehicle.seen_s >= before_s and not vehicle.astride)
         lanes = sorted({(v.approach, v.lane) for v in self._vehicles})
-        measured = _by_lane(points)
         left: list[Interval] = []
         for key in sorted(set(lanes) | set(measured)):
             sight = points.sights.get(key)
@@ -106,7 +107,7 @@ class LaneTracker:
             self._start(interval, begin_m, points.sights, scene.t_s)
         self._unmask()
         self._retire(points, scene.t_s)
-        return self._tracks(scene)
+        return tracks_of(self._vehicles, self._approaches, scene)
 
     def _update_lane(
         self,
@@ -143,6 +144,24 @@ class LaneTracker:
             gone = {id(v) for v in vehicles} - {id(v) for v in kept}
             self._vehicles = [v for v in self._vehicles if id(v) not in gone]
         return unclaimed
+
+    def _follow_astride(self, intervals: list[Interval], t_s: float, dt_s: float) -> None:
+        """Follow vehicles that drive on the edge between two lanes; nothing is born there."""
+        for interval in intervals:
+            beside = [
+                v
+                for v in self._vehicles
+                if v.approach == interval.approach
+                and v.lane in (interval.lane, interval.lane + 1)
+                and v.confirmed
+                and v.moved
+                and shared(v, interval) > ASTRIDE_SHARED
+            ]
+            if beside:
+                vehicle = max(beside, key=lambda v: shared(v, interval))
+                correct_one(vehicle, interval, dt_s)
+                vehicle.offset_m = interval.offset_m
+                vehicle.take_in(interval, t_s)
 
     def _changed_lanes(self, intervals: list[Interval], t_s: float) -> list[Interval]:
         """Let vehicles that lost their interval take one beside them; return what is left."""
@@ -282,35 +301,6 @@ class LaneTracker:
                 kept.append(v)
         self._vehicles = without_doubles(kept)
 
-    def _tracks(self, scene: Scene) -> Tracks:
-        approaches = self._approaches
-        rows = [v for v in self._vehicles if v.approach < len(approaches)]
-        n = len(rows)
-        enu, course = np.empty((n, 2)), np.empty((n, 2))
-        corners = np.empty((n, 4, 2))
-        for index, approach in enumerate(approaches):
-            at = [i for i, v in enumerate(rows) if v.approach == index]
-            if not at:
-                continue
-            rear = np.array([rows[i].rear_m for i in at])
-            length = np.array([rows[i].length_m for i in at])
-            offset = np.array([rows[i].offset_m for i in at])
-            enu[at], course[at], corners[at] = _on_ground(approach, rear, length, offset)
-        px = enu_to_px(scene.mapping, enu)
-        corners_px = enu_to_px(scene.mapping, corners.reshape(-1, 2)).reshape(n, 4, 2)
-        low, high = corners_px.min(axis=1), corners_px.max(axis=1)
-        speed = np.array([v.speed_mps for v in rows])
-        return Tracks(
-            ids=np.array([v.track_id for v in rows], np.int64),
-            states=tuple(_state(v, scene.t_s) for v in rows),
-            px=px,
-            boxes_px=np.concatenate([low, high - low], axis=1),
-            enu=enu,
-            velocity_mps=course * speed[:, None],
-            sigma_m=np.sqrt(np.array([v.var_station for v in rows])),
-            length_m=np.array([v.length_m for v in rows]),
-        )
-
 
 def claimants(
     interval: Interval,
@@ -342,30 +332,10 @@ def _looks_like_a_vehicle(thing: LaneVehicle, slack: float = 1.0) -> bool:
     return marked and thing.length_m >= slack * MIN_STANDING_M
 
 
-def _state(vehicle: LaneVehicle, t_s: float) -> TrackState:
-    if not vehicle.confirmed:
-        return TrackState.TENTATIVE
-    return TrackState.CONFIRMED if vehicle.seen_s == t_s else TrackState.COASTING
-
-
-def _on_ground(
-    approach: Approach, rear: Floats, length: Floats, offset: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Return centres (n, 2), courses (n, 2) and footprint corners (n, 4, 2) in ENU."""
-    half_width = np.where(length > 6.5, 1.25, 0.95)
-    at = np.concatenate([rear + length / 2, rear, rear + length])
-    points = place(approach, at, np.tile(offset, 3)).reshape(3, -1, 2)
-    ahead = points[2] - points[1]
-    course = ahead / np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9)
-    left = np.column_stack([-course[:, 1], course[:, 0]]) * half_width[:, None]
-    corners = np.stack(
-        [points[1] - left, points[1] + left, points[2] + left, points[2] - left], axis=1
-    )
-    return points[0], course, corners
-
-
-def _by_lane(points: RoadPoints) -> dict[tuple[int, int], list[Interval]]:
+def _by_lane(points: RoadPoints) -> tuple[dict[tuple[int, int], list[Interval]], list[Interval]]:
+    """Return the intervals of every lane, and those between two."""
     lanes: dict[tuple[int, int], list[Interval]] = {}
+    astride: list[Interval] = []
     rows = zip(
         points.approach.tolist(),
         points.lane.tolist(),
@@ -378,8 +348,13 @@ def _by_lane(points: RoadPoints) -> dict[tuple[int, int], list[Interval]]:
         points.body.tolist(),
         points.shadow.tolist(),
         points.roof.tolist(),
+        points.astride.tolist(),
         strict=True,
     )
     for row in rows:
-        lanes.setdefault((row[0], row[1]), []).append(Interval(*row))
-    return lanes
+        interval = Interval(*row)
+        if interval.astride:
+            astride.append(interval)
+        else:
+            lanes.setdefault((row[0], row[1]), []).append(interval)
+    return lanes, astride

@@ -86,6 +86,7 @@ class LaneVehicle:
     body: float = 1.0  # share of its interval that shows more than cast shadow
     born_at_m: float = 0.0
     confirmed: bool = False
+    astride: bool = False  # it was last seen between two lanes
 
     @property
     def front_m(self) -> float:
@@ -165,6 +166,7 @@ class LaneVehicle:
     def take_in(self, interval: Interval, t_s: float) -> None:
         """Remember an interval that showed it, besides where its ends were."""
         self.seen_at_m, self.seen_s = interval.rear_m, t_s
+        self.astride = interval.astride
         self.contrast += CONTRAST_RATE * (interval.contrast - self.contrast)
         self.body += CONTRAST_RATE * (interval.body - self.body)
         self.hits += 1
@@ -192,6 +194,7 @@ class Interval:
     body: float = 1.0  # share of it that shows more than cast shadow
     shadow: bool = False  # it is only the shadow of what is beside it
     roof: bool = False  # it is only what shows beyond a tall vehicle: its ends are rough
+    astride: bool = False  # on the edge between its lane and the next to the right
     joined: bool = False  # of parts of one vehicle, its rear and its front among them
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from statistics import median
 
 import cv2
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from queuetail.types import Band, Bools, Floats, Image, LaneDetections, Masks, RoadRaster
 from queuetail.vision.flow import LaneFlow
-from queuetail.vision.occlusion import ROOF_M, LaneRows, lane_rows
+from queuetail.vision.occlusion import ROOF_M, LaneRows, lane_edge, lane_rows
 from queuetail.vision.outlines import (
     BRIDGE_M,
     CLOSE_M,
@@ -38,6 +39,7 @@ UNEVEN_M = 2.5  # of dark end beyond the usual: another vehicle's shadow reaches
 BODY_COVER = 0.25  # of the core more than shadow, for a column that shows a body
 BODY_SHARE = 0.25  # of a vehicle's columns, for it to show where its cast shadow ends
 ONLY_SHADE = 0.15  # of the columns: with less, all may be shadow
+MOST_TAKEN = 0.1  # by vehicles in a lane, of what is astride of two
 SHADOW_REACH_M, SHADOW_LANES = 4.0, 2  # along and across the road, from a body to its shadow
 
 
@@ -55,6 +57,7 @@ class Interval:
     body: float
     roof: bool = False
     shadow: bool = False
+    astride: bool = False  # on the edge between its lane and the next
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +125,7 @@ class LaneDetector:
             body=np.array([i.body for i in found], float),
             shadow=np.array([i.shadow for i in found], np.bool_),
             roof=np.array([i.roof for i in found], np.bool_),
+            astride=np.array([i.astride for i in found], np.bool_),
             speed_mps=tuple(speeds),
             hidden=tuple(hidden),
         )
@@ -141,6 +145,32 @@ class LaneDetector:
             known = None if cars is None else cars[lane - 1]
             found += self._lane(number, band, lane, seen, visible, known, px_per_m)
         mark_shadows(found, SHADOW_REACH_M * px_per_m)
+        return found + self._astride(number, band, seen, rows, found, px_per_m)
+
+    def _astride(
+        self,
+        number: int,
+        band: Band,
+        seen: BandMasks,
+        rows: Sequence[LaneRows],
+        in_lanes: Sequence[Interval],
+        px_per_m: float,
+    ) -> list[Interval]:
+        """Search between neighbouring lanes for what covers the middle of neither."""
+        found: list[Interval] = []
+        for lane, (left, right) in enumerate(pairwise(rows), 1):
+            between = lane_edge(left, right, px_per_m, len(seen.standing))
+            taken = between.hidden.copy()
+            for interval in in_lanes:
+                if lane <= interval.lane <= lane + 1:
+                    taken[max(round(interval.rear), 0) : max(round(interval.front), 0)] = True
+            on = (between.cover(seen.standing) >= 255 * MIN_COVER) & ~taken
+            if np.count_nonzero(on) < MIN_LENGTH_M * px_per_m:
+                continue
+            for i in self._lane(number, band, lane, seen, between, None, px_per_m):
+                inside = taken[max(round(i.rear), 0) : max(round(i.front), 0)]
+                if i.body >= BODY_SHARE and inside.mean() <= MOST_TAKEN:
+                    found.append(i)
         return found
 
     def _lane(
@@ -153,7 +183,7 @@ class LaneDetector:
         cars: Bools | None,
         px_per_m: float,
     ) -> list[Interval]:
-        middle = band.lane_rows[lane - 1]
+        middle = visible.middle
         cover = visible.cover(seen.standing, seen.silhouettes) / 255
         on = _standing_columns(cover, seen, band, middle, px_per_m)
         edges = np.flatnonzero(on[1:] != on[:-1]) + 1
@@ -181,7 +211,8 @@ class LaneDetector:
             limits = (BODY_COVER, BODY_SHARE) if seen.shaded else (BRIGHT_COVER, BRIGHT_SHARE)
             dark = dark_ends(sure[first:last], *limits)
             most = dark if kept is sure else dark_ends(kept[first:last], *limits)
-            ends = self._shadows.without(ends, dark, most, cut, px_per_m)
+            if not visible.edge:
+                ends = self._shadows.without(ends, dark, most, cut, px_per_m)
             share = float((solid[first:last] >= BODY_COVER).mean())
             roof = float(visible.partly[first:last].mean()) >= MOSTLY_PARTLY
             row = middle
@@ -194,7 +225,9 @@ class LaneDetector:
                 shown = seen.bodies if share >= BODY_SHARE else seen.standing
                 row = _middle_row(shown, band, middle, first, last)
             contrast = float(seen.contrast[visible.core[0] : visible.core[1], first:last].mean())
-            found.append(Interval(number, lane, *ends, row, cut, contrast, share, roof))
+            found.append(
+                Interval(number, lane, *ends, row, cut, contrast, share, roof, astride=visible.edge)
+            )
         return found
 
 

@@ -32,11 +32,13 @@ class LaneRows:
     That is the lane's core, or what a car in it shows beyond a tall vehicle.
     """
 
-    core: tuple[int, int]  # the rows of its middle, first and one after the last
+    middle: float
+    core: tuple[int, int]  # the rows about its middle, first and one after the last
     top: Ints  # (columns,) rows beyond a tall vehicle, where it hides some of the core
     bottom: Ints
     partly: Bools  # (columns,) some of the core is hidden
     hidden: Bools  # (columns,) too little shows beyond what hides it
+    edge: bool = False  # it is no lane, but what is about the edge between two
 
     def cover(self, mask: Image, silhouettes: Image | None = None) -> Floats:
         """Return the mean of a mask (h, w) over the rows of every column, 0 … 255.
@@ -96,18 +98,31 @@ def _rows(
     shape: tuple[int, ...],
 ) -> LaneRows:
     height, columns = shape
-    half = max(CORE_M / 2 * px_per_m, 1.0)
-    core = max(round(middle - half), 0), min(round(middle + half) + 1, height)
+    core = _core(middle, px_per_m, height)
     if blocked is None:
         nowhere = np.zeros(columns, np.bool_)
         none = np.zeros(columns, np.int64)
-        return LaneRows(core, none, none, nowhere, nowhere)
+        return LaneRows(middle, core, none, none, nowhere, nowhere)
     partly = away * blocked >= away * (core[0] if away > 0 else core[1] - 1)
     far = int(np.clip(round(far_side), 0, height - 1))
     top, bottom = (blocked + 1, far + 1) if away > 0 else (far, blocked)
     top, bottom = np.broadcast_arrays(np.clip(top, 0, height), np.clip(bottom, 0, height))
     hidden = partly & (bottom - top < max(LEAST_VISIBLE_M * px_per_m, 1.0))
-    return LaneRows(core, top, np.maximum(bottom, top), partly, hidden)
+    return LaneRows(middle, core, top, np.maximum(bottom, top), partly, hidden)
+
+
+def lane_edge(left: LaneRows, right: LaneRows, px_per_m: float, height: int) -> LaneRows:
+    """Return the rows about the edge between two lanes, hidden where some of either lane is."""
+    middle = (left.middle + right.middle) / 2
+    hidden = left.partly | left.hidden | right.partly | right.hidden
+    none = np.zeros(len(hidden), np.int64)
+    core = _core(middle, px_per_m, height)
+    return LaneRows(middle, core, none, none, np.zeros_like(hidden), hidden, edge=True)
+
+
+def _core(middle: float, px_per_m: float, height: int) -> tuple[int, int]:
+    half = max(CORE_M / 2 * px_per_m, 1.0)
+    return max(round(middle - half), 0), min(round(middle + half) + 1, height)
 
 
 def _reach(

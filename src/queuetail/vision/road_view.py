@@ -125,7 +125,8 @@ class RoadView:
             return RoadPoints(
                 detections.band, detections.lane, empty, empty, empty,
                 detections.cut_rear, detections.cut_front, empty, empty, detections.shadow,
-                detections.roof, raster.spans, np.empty((0, 4)), self._sights(detections),
+                detections.roof, detections.astride, raster.spans, np.empty((0, 4)),
+                self._sights(detections),
             )  # fmt: skip
         rear = start[band] + detections.rear_column * scale
         front = start[band] + detections.front_column * scale
@@ -142,6 +143,7 @@ class RoadView:
             body=detections.body,
             shadow=detections.shadow,
             roof=detections.roof,
+            astride=detections.astride,
             spans=raster.spans,
             boxes_px=_boxes_px(raster.approaches, index[band], rear, front, offset, mapping),
             sights=self._sights(detections),
