@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import socket
 from collections.abc import Callable, Iterator
@@ -16,6 +17,7 @@ from typing import Any
 
 import av
 import pytest
+from av.sidedata.sidedata import SideDataContainer
 
 from broadcast import HEAD_START_S, Sender, free_port, write_live_clip
 from queuetail.live.outlet import StreamInfo
@@ -110,6 +112,21 @@ def test_the_time_inside_the_pictures_counts(clip: Path) -> None:
     assert abs((viewer.got[9].utc - now).total_seconds()) < 5
     times = [c.utc for c in viewer.got]
     assert times == sorted(set(times))
+
+
+def test_pictures_are_let_go_without_the_garbage_collector(clip: Path) -> None:
+    port = udp_port()
+    url = f"udp://127.0.0.1:{port}?pkt_size=1316"
+    gc.collect()
+    before = sum(isinstance(o, SideDataContainer) for o in gc.get_objects())
+    gc.disable()
+    try:
+        with viewing(f"udp://127.0.0.1:{port}") as viewer, Sender(clip, url, "mpegts"):
+            viewer.wait_for(20)
+        after = sum(isinstance(o, SideDataContainer) for o in gc.get_objects())
+    finally:
+        gc.enable()
+    assert after == before
 
 
 def test_rtmp_is_waited_for(clip: Path) -> None:

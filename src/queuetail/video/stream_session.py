@@ -20,7 +20,13 @@ from av.stream import Disposition, Stream
 from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 from stanag4609.errors import Stanag4609Error
-from stanag4609.st0604 import TimestampResolution, decode_timestamp_payload
+from stanag4609.st0604 import (
+    MISP_HEVC_MICROSECOND_UUID,
+    MISP_HEVC_NANOSECOND_UUID,
+    MISP_MICROSECOND_IDENTIFIER,
+    TimestampResolution,
+    decode_timestamp_payload,
+)
 
 from queuetail.live.outlet import StreamInfo
 from queuetail.telemetry import klv
@@ -30,6 +36,7 @@ from queuetail.video.stream_clock import FAR_BEHIND_S, Stamp, StreamClock
 
 WAITED_S = 0.005  # a packet that took longer to get was not there yet
 SHOW_EVERY_S = 0.5  # even while behind
+UTC_MARKS = (MISP_MICROSECOND_IDENTIFIER, MISP_HEVC_MICROSECOND_UUID, MISP_HEVC_NANOSECOND_UUID)
 SEI_TYPES = {"h264": 0x1B, "hevc": 0x24, "mpeg2video": 0x02}  # as in the TS's program map
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
@@ -94,6 +101,7 @@ class Session:
         self._streams: list[Stream] = [self._video, *container.streams.data]
         self._infos = self._templates() if packet_sinks else {}
         self._losses = klv.Losses()
+        self._tells_utc = False  # in its pictures, as MISB ST 0604 has it
         self._klv_utc_s: float | None = None  # UTC − PTS, as the newest KLV packet has it
         self._first_pts_s: float | None = None
         self._first_dts_s: float | None = None
@@ -125,6 +133,9 @@ class Session:
             self._pace(dts_s - self._first_dts_s)
             arrived_s, waited = monotonic(), True
         if packet.size:
+            if not self._tells_utc:
+                coded = bytes(packet)
+                self._tells_utc = any(mark in coded for mark in UTC_MARKS)
             known_s = next((s for s in (pts_s, dts_s) if s is not None), arrived_s)
             self._clock.packet(known_s if dts_s is None else dts_s, known_s, arrived_s, waited)
         self._keep_up(packet, arrived_s)
@@ -185,7 +196,9 @@ class Session:
     def _embedded_utc_s(self, picture: VideoFrame, pts_s: float) -> float | None:
         """Return the time that the picture itself or the KLV beside it tells, since 1970."""
         stream_type = SEI_TYPES.get(self._video.codec_context.name)
-        extras: list[Any] = list(picture.side_data)
+        # Who asks a picture for side data ties it to that in a circle, which keeps its memory for
+        # seconds: so only pictures of a stream that has such times are asked.
+        extras: list[Any] = list(picture.side_data) if self._tells_utc else []
         for data in extras:
             if stream_type is None or data.type is not Type.SEI_UNREGISTERED:
                 continue
