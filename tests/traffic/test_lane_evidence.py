@@ -42,6 +42,18 @@ def test_vehicles_that_moved_and_lines_are_gathered_by_the_way_they_cover() -> N
     assert one == pytest.approx(250.0 / WANDER_M, rel=0.15)
 
 
+def test_thinned_evidence_is_less_and_weighs_the_same() -> None:
+    seen = gather(drive(ROAD, np.random.default_rng(2), 10), marks(np.zeros(7)))
+    few = seen.thinned(60)
+    assert few.vehicles == 10
+    assert few.is_mark.sum() == 7
+    assert 40 < (~few.is_mark).sum() <= 60
+    for kind in (True, False):
+        weight = few.weight[few.is_mark == kind].sum()
+        assert weight == pytest.approx(seen.weight[seen.is_mark == kind].sum())
+    assert len(gather((), NO_MARKS).thinned(60)) == 0
+
+
 def test_nothing_is_gathered_from_nothing() -> None:
     seen = gather((), NO_MARKS)
     assert len(seen) == 0

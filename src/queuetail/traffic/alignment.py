@@ -39,7 +39,7 @@ WORST = 9.0  # squared sigmas: a stray counts for no more
 REACH_M = 12.0  # beside the lanes
 SHIFTS_M = np.arange(-9.0, 9.01, 0.3)
 ROTATIONS_DEG = np.arange(-5.0, 5.01, 0.25)
-SEARCH_SAMPLES = 150  # of each kind
+SAMPLES, SEARCH_SAMPLES = 600, 150  # of each kind, at the most
 SEARCH_VEHICLES = 6.0  # what many vehicles are worth that share a bias
 ROUNDS = 10
 OTHER_MODE_M = 1.5
@@ -88,7 +88,7 @@ def align(
 
     `doubt_m` is by how much shadows may set all vehicles aside.
     """
-    seen = _beside(approaches, gather(trajectories, marks))
+    seen = _beside(approaches, gather(trajectories, marks)).thinned(SAMPLES)
     if seen.vehicles < MIN_VEHICLES and seen.is_mark.sum() < MIN_MARKS:
         return None
     start, modes_m2 = _search(approaches, seen, camera)
@@ -177,7 +177,10 @@ def _search(
     approaches: Sequence[Approach], seen: LaneEvidence, camera: Camera
 ) -> tuple[Floats, float]:
     """Try shifts across the road and rotations; -> the best, and the variance by other modes."""
-    some, weight = _thinned(seen)
+    some = seen.thinned(SEARCH_SAMPLES)
+    vehicles = some.weight[~some.is_mark].sum()
+    share = min(SEARCH_VEHICLES / vehicles, 1.0) if vehicles > 0 else 1.0
+    weight = np.where(some.is_mark, some.weight, share * some.weight)
     middle, across = _middle(approaches, seen)
     turn, shift = (
         g.ravel() for g in np.meshgrid(np.radians(ROTATIONS_DEG), SHIFTS_M, indexing="ij")
@@ -202,17 +205,6 @@ def _search(
     start = np.zeros(8)
     start[TURN], start[SHIFT] = turn[chosen], at_foot[chosen] * across
     return start, modes_m2
-
-
-def _thinned(seen: LaneEvidence) -> tuple[LaneEvidence, Floats]:
-    """Return some of the vehicles' samples and of the marks, and what each is worth."""
-    chosen, weight = np.zeros(len(seen), np.bool_), seen.weight.copy()
-    for kind, most in ((seen.is_mark, np.inf), (~seen.is_mark, SEARCH_VEHICLES)):
-        rows = np.flatnonzero(kind)
-        kept = rows[:: max(len(rows) // SEARCH_SAMPLES, 1)]
-        chosen[kept] = True
-        weight[kept] *= min(weight[rows].sum(), most) / max(weight[kept].sum(), 1e-9)
-    return seen.where(chosen), np.asarray(weight[chosen])
 
 
 def _refine(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -60,6 +60,16 @@ class LaneEvidence:
         return LaneEvidence(
             self.enu[chosen], self.course[chosen], self.owner[chosen], self.weight[chosen]
         )
+
+    def thinned(self, most: int) -> LaneEvidence:
+        """Return at most so many of each kind, evenly chosen, that together weigh the same."""
+        weight, chosen = self.weight.copy(), np.zeros(len(self), np.bool_)
+        for kind in (self.is_mark, ~self.is_mark):
+            rows = np.flatnonzero(kind)
+            kept = rows[:: max(-(-len(rows) // most), 1)]
+            chosen[kept] = True
+            weight[kept] *= len(rows) / max(len(kept), 1)
+        return replace(self, weight=weight).where(chosen)
 
 
 @dataclass(frozen=True, slots=True)

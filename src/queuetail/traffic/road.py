@@ -32,18 +32,15 @@ def locate(approach: Approach, enu: Floats) -> tuple[Floats, Floats, Floats]:
     lengths = np.linalg.norm(legs, axis=1)
     units = legs / lengths[:, None]
     starts = approach.start_station_m + np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
-    relative = enu[:, None, :] - axis[None, :-1, :]
-    along = (relative * units).sum(axis=2)
+    east, north = (enu[:, i, None] - axis[:-1, i] for i in (0, 1))  # (n, legs)
+    along = east * units[:, 0] + north * units[:, 1]
+    aside = north * units[:, 0] - east * units[:, 1]
     lower, upper = np.zeros(len(legs)), lengths.copy()
     lower[0], upper[-1] = -np.inf, np.inf
     clipped = np.clip(along, lower, upper)
-    gap = relative - clipped[..., None] * units
-    nearest = np.argmin((gap**2).sum(axis=2), axis=1)
+    nearest = np.argmin(aside**2 + (along - clipped) ** 2, axis=1)
     rows = np.arange(len(enu))
-    course = units[nearest]
-    aside = relative[rows, nearest]
-    offset = course[:, 0] * aside[:, 1] - course[:, 1] * aside[:, 0]
-    return starts[nearest] + clipped[rows, nearest], offset, course
+    return starts[nearest] + clipped[rows, nearest], aside[rows, nearest], units[nearest]
 
 
 def place(approach: Approach, station_m: Floats, offset_m: Floats) -> Floats:
