@@ -132,6 +132,8 @@ def test_telemetry_that_was_far_off_is_trusted_less() -> None:
         ([approach("a", lanes=3)], True),
         ([approach("a", length_m=330.0)], False),
         ([approach("a", length_m=500.0)], True),
+        ([approach("a", length_m=340.0)], True),  # 20 m more upstream
+        ([Approach("a", np.array([[-150.0, 0.0], [190.0, 0.0]]), 0.0, 2, 3.5)], False),
         ([approach("a", back=True)], True),
         ([approach("a"), approach("b", offset_m=12.0, back=True)], True),
     ],

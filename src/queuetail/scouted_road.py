@@ -21,6 +21,7 @@ WATCH_S = 45.0  # of traffic, after which nothing new is learnt of the road
 REFINE_AFTER_S = (6.0, 20.0)  # after the road was first found
 MIN_MOVE_M, MIN_SIGMAS = 0.4, 2.0  # smaller misalignments are left alone
 MIN_AXIS_CHANGE_M = 0.5
+MIN_LONGER_M = 15.0, 60.0  # upstream, where queues end, and downstream
 
 
 class SiteRoad:
@@ -154,8 +155,10 @@ def _differs(old: tuple[Approach, ...], new: tuple[Approach, ...]) -> bool:
         match = _nearest(approach, old)
         if match is None or match.lanes != approach.lanes:
             return True
-        _, offset, _ = locate(match, approach.axis_enu)
-        longer = _length_m(approach) > 1.3 * _length_m(match)
+        station, offset, _ = locate(match, approach.axis_enu)
+        before_m = match.start_station_m - float(station[0])
+        beyond_m = float(station[-1]) - match.start_station_m - _length_m(match)
+        longer = before_m > MIN_LONGER_M[0] or beyond_m > MIN_LONGER_M[1]
         if longer or float(np.median(np.abs(offset))) > MIN_AXIS_CHANGE_M:
             return True
     return False

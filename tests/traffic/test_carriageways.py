@@ -10,14 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_traffic import drive, opposite, road, strays
 
-from queuetail.traffic.carriageways import Trajectory, discover
+from queuetail.traffic.carriageways import ONWARD_M, Trajectory, _lengthened, discover
 from queuetail.traffic.road import locate, place
 from queuetail.types import Approach
 
 
 def assert_same_road(found: Approach, true: Approach, lateral_m: float = 0.5) -> None:
-    station, offset, course = locate(true, found.axis_enu)
-    legs = np.diff(found.axis_enu, axis=0)
+    station, _, _ = locate(true, found.axis_enu)
+    length = float(np.linalg.norm(np.diff(true.axis_enu, axis=0), axis=1).sum())
+    axis = found.axis_enu[(station > -5.0) & (station < length + 5.0)]  # beyond, nothing is true
+    station, offset, course = locate(true, axis)
+    legs = np.diff(axis, axis=0)
     assert ((legs * course[1:]).sum(axis=1) > 0).all(), "the axis goes the wrong way"
     assert (np.diff(station) > 0).all()
     assert np.median(np.abs(offset)) < lateral_m
@@ -40,13 +43,15 @@ def test_finds_both_carriageways_with_their_lanes(radius_m: float, lanes: int) -
     assert_same_road(found[1], other)
 
 
-def test_axis_spans_where_traffic_was_seen() -> None:
-    true = road(300.0, length_m=400.0)
+@pytest.mark.parametrize("radius_m", [math.inf, 300.0, -150.0])
+def test_axis_spans_where_traffic_was_seen_and_goes_on_as_the_road_does(radius_m: float) -> None:
+    true = road(radius_m, length_m=400.0)
     seen = drive(true, np.random.default_rng(1), 10, from_to_m=(120.0, 300.0))
     (found,) = discover(seen)
-    station, _, _ = locate(true, found.axis_enu)
-    assert station[0] == pytest.approx(120.0, abs=8.0)
-    assert station[-1] == pytest.approx(300.0, abs=8.0)
+    station, offset, _ = locate(true, found.axis_enu)
+    assert station[0] == pytest.approx(120.0 - ONWARD_M, abs=8.0)
+    assert station[-1] == pytest.approx(300.0 + ONWARD_M, abs=8.0)
+    assert np.abs(offset).max() < 1.5
     assert np.linalg.norm(np.diff(found.axis_enu, axis=0), axis=1).max() < 30.0
 
 
@@ -72,6 +77,15 @@ def test_ramp_is_an_approach_from_where_it_diverges() -> None:
     assert_same_road(found[0], main)
     assert_same_road(found[1], ramp)
     assert locate(main, found[1].axis_enu[:1])[0][0] > 120.0
+
+
+def test_a_ramp_does_not_go_on_into_the_road_that_it_joins() -> None:
+    main = road(length_m=300.0, lanes=2)
+    s = np.arange(0.0, 201.0, 2.0)
+    ramp = Approach("ramp", place(main, s, -3.0 - 0.05 * (200.0 - s)), 0.0, 1)
+    longer = [locate(main, a.axis_enu[[0, -1]])[0] for a in _lengthened([main, ramp])]
+    assert longer[0] == pytest.approx([-ONWARD_M, 300.0 + ONWARD_M], abs=1.0)
+    assert longer[1] == pytest.approx([-ONWARD_M, 200.0], abs=1.0)
 
 
 def test_lane_beyond_a_wide_gap_is_another_approach() -> None:

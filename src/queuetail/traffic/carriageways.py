@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from queuetail.traffic.centreline import (
     TRACED_BEND_M,
     UNIFORM_BEND_M,
     fit,
+    onward,
     resample,
     shift_aside,
     trace,
@@ -41,6 +42,7 @@ LANE_KEEPING_M = 0.3
 MISFIT_RATIO, MISFIT_M = 1.1, 0.02  # a plain curve may fit so much worse than a traced one
 FREE_M = 10.0  # an offset before anything is known of it
 AXIS_POINT_M = 15.0
+ONWARD_M = 45.0  # beyond the traffic that was seen
 MAX_SEEDS = 60
 
 
@@ -63,7 +65,8 @@ def discover(trajectories: Sequence[Trajectory]) -> tuple[Approach, ...]:
     """Return the carriageways that the vehicles used, most traffic first; () until it is sure.
 
     Sure means three vehicles that moved 20 m the same way, or two with 150 m together.  An axis
-    spans where traffic was seen; a ramp is an approach of its own from where it diverges.
+    spans where traffic was seen and a bit onward, as far as no other lies there; a ramp is an
+    approach of its own from where it diverges.
     """
     free = sample(trajectories)
     found: list[_Found] = []
@@ -79,7 +82,7 @@ def discover(trajectories: Sequence[Trajectory]) -> tuple[Approach, ...]:
             taken |= _explained(free, carriageway.approach)
         free = _whole_runs(free, ~taken)
     found.sort(key=lambda f: -f.way_m)
-    return _named([f.approach for f in found])
+    return _named(_lengthened([f.approach for f in found]))
 
 
 def _carriageway(free: Samples, seed: int, owners: int) -> _Found | None:
@@ -194,6 +197,35 @@ def _spanned(axis: Floats, members: Samples) -> Floats:
     last = float(np.sort(np.maximum.reduceat(station, bounds))[-2])
     inner = axis[(at > first + AXIS_POINT_M / 3) & (at < last - AXIS_POINT_M / 3)]
     return np.concatenate([_at(axis, at, first), inner, _at(axis, at, last)])
+
+
+def _lengthened(approaches: list[Approach]) -> list[Approach]:
+    """Let axes go on at both ends, where no other does.
+
+    A vehicle is followed only where all of it is in the picture, and some time after it came.
+    """
+    longer = []
+    for approach in approaches:
+        others = [a for a in approaches if a is not approach]
+        ahead = _clear(onward(approach.axis_enu, ONWARD_M, AXIS_POINT_M), approach, others)
+        behind = _clear(onward(approach.axis_enu[::-1], ONWARD_M, AXIS_POINT_M), approach, others)
+        axis = np.concatenate([behind[::-1], approach.axis_enu, ahead])
+        longer.append(replace(approach, axis_enu=axis))
+    return longer
+
+
+def _clear(points: Floats, approach: Approach, others: Sequence[Approach]) -> Floats:
+    """Return the points up to where one's lanes would come upon another approach's."""
+    half_m = approach.lanes * approach.lane_width_m / 2
+    middle = shift_aside(np.concatenate([approach.axis_enu[-1:], points]), -half_m)[1:]
+    blocked = np.zeros(len(points), np.bool_)
+    for other in others:
+        station, offset, _ = locate(other, middle)
+        length = float(np.linalg.norm(np.diff(other.axis_enu, axis=0), axis=1).sum())
+        other_half_m = other.lanes * other.lane_width_m / 2
+        beside = np.abs(offset + other_half_m) < half_m + other_half_m
+        blocked |= beside & (station > -ONWARD_M) & (station < length + ONWARD_M)
+    return points[: int(np.argmax(blocked))] if blocked.any() else points
 
 
 def _at(axis: Floats, at: Floats, station_m: float) -> Floats:

@@ -19,6 +19,7 @@ NOISE_M = 0.5  # of a sample across the road
 # Standard deviations of a correction's second difference over `NODE_M`: of a traced curve, and of
 # one of uniform curvature, which roads nearly have as far as a camera sees.
 TRACED_BEND_M, UNIFORM_BEND_M = 0.15, 0.02
+END_M, TIGHTEST_M = 75.0, 120.0  # of a curve, that say how it goes on, and its radius there
 HUBER = 1.5
 FIT_ROUNDS = 4
 
@@ -88,6 +89,21 @@ def resample(curve: Floats, spacing_m: float) -> Floats:
     count = max(2, round(float(station[-1]) / spacing_m) + 1)
     wanted = np.linspace(0.0, station[-1], count)
     return np.column_stack([np.interp(wanted, station, curve[:, i]) for i in (0, 1)])
+
+
+def onward(curve: Floats, length_m: float, spacing_m: float) -> Floats:
+    """Return points beyond the last of a polyline, turning as its end does, (k, 2) -> (m, 2)."""
+    legs = np.diff(curve, axis=0)
+    lengths = np.linalg.norm(legs, axis=1)
+    to_end = np.cumsum(lengths[::-1])[::-1] - lengths / 2
+    end = to_end <= max(END_M, float(to_end[-2:].max()))
+    heading = np.unwrap(np.arctan2(legs[end, 1], legs[end, 0]))
+    turn = float(np.polyfit(-to_end[end], heading, 1)[0]) if end.sum() > 1 else 0.0
+    turn = float(np.clip(turn, -1 / TIGHTEST_M, 1 / TIGHTEST_M))
+    last = float(heading.mean() + turn * to_end[end].mean())
+    at = spacing_m * (np.arange(round(length_m / spacing_m)) + 0.5)
+    units = np.column_stack([np.cos(last + turn * at), np.sin(last + turn * at)])
+    return np.asarray(curve[-1] + np.cumsum(spacing_m * units, axis=0))
 
 
 def fit(
