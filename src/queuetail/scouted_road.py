@@ -9,7 +9,7 @@ import numpy as np
 from queuetail.mapping import SETTLE_S, FixedMapper, RegisteredMapper
 from queuetail.traffic.alignment import Alignment, Camera, align
 from queuetail.traffic.carriageways import discover
-from queuetail.traffic.road import assign, locate
+from queuetail.traffic.road import assign, length_m, locate
 from queuetail.types import Approach, Frame, GroundMapping, Registration, RoadVehicles, Tracks
 from queuetail.vision.foot import camera_above_ground
 from queuetail.vision.lane_lines import LaneLines
@@ -157,7 +157,7 @@ def _differs(old: tuple[Approach, ...], new: tuple[Approach, ...]) -> bool:
             return True
         station, offset, _ = locate(match, approach.axis_enu)
         before_m = match.start_station_m - float(station[0])
-        beyond_m = float(station[-1]) - match.start_station_m - _length_m(match)
+        beyond_m = float(station[-1]) - match.start_station_m - length_m(match)
         longer = before_m > MIN_LONGER_M[0] or beyond_m > MIN_LONGER_M[1]
         if longer or float(np.median(np.abs(offset))) > MIN_AXIS_CHANGE_M:
             return True
@@ -193,7 +193,3 @@ def _nearest(approach: Approach, others: tuple[Approach, ...]) -> Approach | Non
         if float((course @ ahead).mean()) > 0 and distance_m < best_m:
             best, best_m = other, distance_m
     return best
-
-
-def _length_m(approach: Approach) -> float:
-    return float(np.linalg.norm(np.diff(approach.axis_enu, axis=0), axis=1).sum())

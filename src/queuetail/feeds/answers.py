@@ -17,7 +17,7 @@ import numpy as np
 from queuetail.geo.earth import geodetic_from_enu
 from queuetail.live.records import Published
 from queuetail.sinks.words import known_states
-from queuetail.traffic.road import locate, place
+from queuetail.traffic.road import length_m, locate, place
 from queuetail.types import (
     Approach,
     EndOfQueue,
@@ -66,8 +66,7 @@ class Road:
     @property
     def middle_m(self) -> float:
         """The station in the middle of the axis."""
-        length_m = np.linalg.norm(np.diff(self.approach.axis_enu, axis=0), axis=1).sum()
-        return self.approach.start_station_m + float(length_m) / 2
+        return self.approach.start_station_m + length_m(self.approach) / 2
 
 
 @dataclass(frozen=True, slots=True)

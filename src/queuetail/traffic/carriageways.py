@@ -26,7 +26,7 @@ from queuetail.traffic.centreline import (
 from queuetail.traffic.discovery import course_name
 from queuetail.traffic.lanes import IN_LANE, Lanes, fit_lanes
 from queuetail.traffic.paths import Samples, Trajectory, extent_m, sample
-from queuetail.traffic.road import locate
+from queuetail.traffic.road import length_m, locate
 from queuetail.types import Approach, Bools, Floats, Ints
 
 __all__ = ["Trajectory", "discover"]
@@ -158,9 +158,9 @@ def _lanes_of(members: Samples, curve: Floats, lanes: Lanes) -> Lanes:
 
 
 def _beside(samples: Samples, curve: Floats) -> Bools:
-    station, offset, course = locate(Approach("", curve), samples.enu)
-    length = float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum())
-    inside = (station > -AXIS_POINT_M) & (station < length + AXIS_POINT_M)
+    along = Approach("", curve)
+    station, offset, course = locate(along, samples.enu)
+    inside = (station > -AXIS_POINT_M) & (station < length_m(along) + AXIS_POINT_M)
     same_way = (course * samples.course).sum(axis=1) > SAME_WAY_COS
     return np.asarray(inside & same_way & (np.abs(offset) < REACH_ASIDE_M))
 
@@ -221,10 +221,9 @@ def _clear(points: Floats, approach: Approach, others: Sequence[Approach]) -> Fl
     blocked = np.zeros(len(points), np.bool_)
     for other in others:
         station, offset, _ = locate(other, middle)
-        length = float(np.linalg.norm(np.diff(other.axis_enu, axis=0), axis=1).sum())
         other_half_m = other.lanes * other.lane_width_m / 2
         beside = np.abs(offset + other_half_m) < half_m + other_half_m
-        blocked |= beside & (station > -ONWARD_M) & (station < length + ONWARD_M)
+        blocked |= beside & (station > -ONWARD_M) & (station < length_m(other) + ONWARD_M)
     return points[: int(np.argmax(blocked))] if blocked.any() else points
 
 
@@ -237,10 +236,9 @@ def _at(axis: Floats, at: Floats, station_m: float) -> Floats:
 def _explained(samples: Samples, approach: Approach) -> Bools:
     """Return which samples the approach accounts for: on its lanes, or along them close by."""
     station, offset, course = locate(approach, samples.enu)
-    length = float(np.linalg.norm(np.diff(approach.axis_enu, axis=0), axis=1).sum())
     outside = np.maximum(offset, -approach.lanes * approach.lane_width_m - offset)
     same_way = (course * samples.course).sum(axis=1)
-    inside = (station > -AXIS_POINT_M) & (station < length + AXIS_POINT_M)
+    inside = (station > -AXIS_POINT_M) & (station < length_m(approach) + AXIS_POINT_M)
     on = (outside < approach.lane_width_m / 2) & (same_way > SAME_WAY_COS)
     along = (outside < approach.lane_width_m) & (same_way > np.cos(MAX_DRIFT))
     return np.asarray(inside & (on | along))

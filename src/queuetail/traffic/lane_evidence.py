@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from queuetail.traffic.paths import STEP_M, Trajectory, extent_m, sample
-from queuetail.traffic.road import locate
+from queuetail.traffic.road import length_m, locate
 from queuetail.types import Approach, Bools, Floats, Ints
 
 MIN_MOVED_M = 25.0
@@ -115,9 +115,8 @@ def offsets(approach: Approach, seen: LaneEvidence) -> tuple[Floats, Floats, Boo
     That is what lies beside it: vehicles that drive its way, and lines along it.
     """
     station, offset, course = locate(approach, seen.enu)
-    length = float(np.linalg.norm(np.diff(approach.axis_enu, axis=0), axis=1).sum())
     station = station - approach.start_station_m
-    beside = (station > 0.0) & (station < length)
+    beside = (station > 0.0) & (station < length_m(approach))
     cos = (course * seen.course).sum(axis=1)
     cos = np.where(seen.is_mark, np.abs(cos), cos)
     return offset, turned(course), np.asarray(beside & (cos > SAME_WAY_COS))

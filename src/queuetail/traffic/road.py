@@ -43,6 +43,11 @@ def locate(approach: Approach, enu: Floats) -> tuple[Floats, Floats, Floats]:
     return starts[nearest] + clipped[rows, nearest], aside[rows, nearest], units[nearest]
 
 
+def length_m(approach: Approach) -> float:
+    """Return how long the axis is, in metres."""
+    return float(np.linalg.norm(np.diff(approach.axis_enu, axis=0), axis=1).sum())
+
+
 def place(approach: Approach, station_m: Floats, offset_m: Floats) -> Floats:
     """Return the ENU points at stations and offsets, (n,), (n,) -> (n, 2); inverse of `locate`."""
     axis = approach.axis_enu
@@ -117,9 +122,9 @@ def is_on(vehicles: RoadVehicles, approach_index: int) -> Bools:
 
 
 def _between_ends(approach: Approach, station_m: Floats) -> Bools:
-    length_m = np.linalg.norm(np.diff(approach.axis_enu, axis=0), axis=1).sum()
     along_m = station_m - approach.start_station_m
-    return np.asarray((along_m >= -END_MARGIN_M) & (along_m <= length_m + END_MARGIN_M))
+    end_m = length_m(approach) + END_MARGIN_M
+    return np.asarray((along_m >= -END_MARGIN_M) & (along_m <= end_m))
 
 
 def _lane(offset_m: Floats, approach: Approach) -> Ints:

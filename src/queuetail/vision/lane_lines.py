@@ -17,7 +17,7 @@ import numpy as np
 
 from queuetail.geo.ground import enu_to_px
 from queuetail.traffic.lane_evidence import NO_MARKS, WINDOW_M, LineMarks
-from queuetail.traffic.road import locate, place
+from queuetail.traffic.road import length_m, locate, place
 from queuetail.types import Approach, Bools, Floats, GroundMapping, Image
 
 ALONG_M, ACROSS_M = 0.75, 0.1  # of the grid
@@ -91,8 +91,7 @@ class _Grid:
         cls, approach: Approach, mapping: GroundMapping, shape: tuple[int, ...]
     ) -> _Grid | None:
         """Return the grid over the stations that a picture shows finely enough, if any."""
-        length_m = float(np.linalg.norm(np.diff(approach.axis_enu, axis=0), axis=1).sum())
-        station = approach.start_station_m + np.arange(ALONG_M / 2, length_m, ALONG_M)
+        station = approach.start_station_m + np.arange(ALONG_M / 2, length_m(approach), ALONG_M)
         width_m = approach.lanes * approach.lane_width_m
         middle = np.full(len(station), -width_m / 2)
         px = enu_to_px(mapping, place(approach, station, middle))
