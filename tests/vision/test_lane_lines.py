@@ -156,7 +156,7 @@ def test_nothing_until_enough_was_seen_near_enough() -> None:
     luma = picture(STRAIGHT, mapping, solid(0.0), solid(-7.2))
     lines = LaneLines((STRAIGHT,))
     assert len(lines.marks) == len(NO_MARKS)
-    for n in range(40):  # more often than it looks
+    for n in range(20):  # more often than it looks
         lines.update(luma, mapping, n * 0.05)
     assert len(lines.marks) == 0
     high = camera(250.0, size=SIZE)

@@ -22,7 +22,7 @@ from queuetail.types import Approach, Bools, Floats, GroundMapping, Image
 
 ALONG_M, ACROSS_M = 0.75, 0.1  # of the grid
 BESIDE_M = 8.0  # of the lanes, as far as telemetry may be off
-STEP_S = 0.5
+STEP_S = 0.25
 SIDE_M, SIDE_PX = 0.35, 1.6  # from a line's middle to the asphalt beside it
 MAX_GSD_M = 0.25  # across the road: beyond, a gravel verge is as narrow as a line
 MIN_PICTURES = 6
