@@ -481,8 +481,36 @@ def test_another_road_starts_anew() -> None:
     road = Road()
     for step in range(20):
         road.see((1, 1.0 + step, 5.6 + step))
-    other = (Approach("NB", ROAD[0].axis_enu, 1000.0, 2, 3.6),)
+    other = (Approach("NB", ROAD[0].axis_enu + np.array([0.0, 60.0]), 0.0, 2, 3.6),)
     assert len(road.see(approaches=other)) == 0
+
+
+def test_vehicles_stay_who_they_are_when_the_road_is_laid_out_anew() -> None:
+    """Both the counting of stations and the lanes change, one lane's width to the left."""
+    road = Road()
+    for step in range(30):
+        before = road.see((1, 40.0 + step, 44.6 + step), (2, 20.0, 24.6))
+    moved = (Approach("NB", ROAD[0].axis_enu + np.array([20.0, 3.6]), 0.0, 2, 3.6),)
+    for step in range(30, 60):
+        after = road.see((2, 20.0 + step, 24.6 + step), approaches=moved)
+        if step == 30:
+            # The other one stands in no lane of the new road.
+            assert after.ids.tolist() == before.ids[:1].tolist()
+            assert confirmed(after) == [0]
+            assert after.velocity_mps[0, 0] == pytest.approx(10.0, abs=0.5)
+    assert after.ids.tolist() == before.ids[:1].tolist()
+    assert rear(after) == pytest.approx(99.0, abs=0.5)
+
+
+def test_who_stands_unseen_till_the_road_is_laid_out_anew_must_prove_it_later() -> None:
+    for seconds, believed in ((5.0, 1), (15.0, 0)):
+        road = Road()
+        for _ in range(round(seconds * 10)):
+            road.see()
+        moved = (Approach("NB", ROAD[0].axis_enu, 0.0, 2, 3.6),)
+        for _ in range(20):
+            tracks = road.see((1, 120.0, 124.6), approaches=moved)
+        assert len(confirmed(tracks)) == believed
 
 
 def test_ids_are_never_used_twice() -> None:

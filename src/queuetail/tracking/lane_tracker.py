@@ -12,7 +12,7 @@ import numpy as np
 
 from queuetail.tracking.lane_correction import correct_many, correct_one, keep_behind
 from queuetail.tracking.lane_sight import flow_mps, follow_flow, is_hidden
-from queuetail.tracking.lane_tracks import tracks_of
+from queuetail.tracking.lane_tracks import carried_over, tracks_of
 from queuetail.tracking.lane_vehicle import (
     DRIVING_MPS,
     FIRST_SPEED_SIGMA_MPS,
@@ -45,6 +45,7 @@ LONGEST_M = 19.0
 SLOT_M = 7.2  # a standing car with its gap, where nothing else tells merged cars apart
 CONFIRM_HITS, CONFIRM_S, CONFIRM_SPEED_SIGMA_MPS = 4, 0.3, 2.5
 COLD_START_S = 2.0
+EARLY_S = 10.0  # after the first picture: who stands there may have been sought in wrong places
 ENTRY_M = 20.0  # from the upstream end of what is seen, where vehicles may first show up
 APPARITION_S = 6.0
 COAST_S, TENTATIVE_COAST_S = 1.2, 0.25  # without a trace in the picture
@@ -66,6 +67,7 @@ class LaneTracker:
         self._approaches: tuple[Approach, ...] = ()
         self._last_s: float | None = None
         self._first_s: float | None = None
+        self._tracks: Tracks | None = None
 
     def footprints(self) -> list[tuple[int, int, float, float, bool]]:
         """Return every vehicle that the background must keep.
@@ -83,9 +85,7 @@ class LaneTracker:
         """Move all vehicles to the frame's time, take in what was measured, return them all."""
         assert isinstance(scene.raster, RoadRaster)
         if scene.raster.approaches is not self._approaches:
-            # Another road, or another idea of where it is: stations no longer mean the same.
-            self._approaches, self._vehicles, self._first_s = scene.raster.approaches, [], None
-            self._driven = []
+            self._lay_out(scene.raster.approaches, scene)
         before_s = scene.t_s if self._last_s is None else self._last_s
         dt_s, self._last_s = max(scene.t_s - before_s, 0.0), scene.t_s
         self._first_s = scene.t_s if self._first_s is None else self._first_s
@@ -107,7 +107,16 @@ class LaneTracker:
             self._start(interval, begin_m, points.sights, scene.t_s)
         self._unmask()
         self._retire(points, scene.t_s)
-        return tracks_of(self._vehicles, self._approaches, scene)
+        self._tracks = tracks_of(self._vehicles, self._approaches, scene)
+        return self._tracks
+
+    def _lay_out(self, approaches: tuple[Approach, ...], scene: Scene) -> None:
+        """Take another road, or another idea of where it is: stations no longer mean the same."""
+        self._approaches, self._driven = approaches, []
+        if self._first_s is None or scene.t_s - self._first_s < EARLY_S:
+            self._first_s = None
+        if self._tracks is not None:
+            self._vehicles = carried_over(self._vehicles, self._tracks, approaches, scene.mapping)
 
     def _update_lane(
         self,

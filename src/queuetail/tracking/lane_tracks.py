@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from queuetail.geo.ground import enu_to_px
+from queuetail.geo.ground import enu_to_px, px_to_enu
 from queuetail.tracking.lane_vehicle import LaneVehicle
-from queuetail.traffic.road import place
-from queuetail.types import Approach, Floats, Scene, Tracks, TrackState
+from queuetail.traffic.road import assign, place
+from queuetail.types import Approach, Floats, GroundMapping, Scene, Tracks, TrackState
 
 CAR_M, CAR_HALF_WIDTH_M, TRUCK_HALF_WIDTH_M = 6.5, 0.95, 1.25
 
@@ -44,6 +45,31 @@ def tracks_of(
         sigma_m=np.sqrt(np.array([v.var_station for v in rows])),
         length_m=np.array([v.length_m for v in rows]),
     )
+
+
+def carried_over(
+    vehicles: Sequence[LaneVehicle],
+    tracks: Tracks,
+    approaches: Sequence[Approach],
+    mapping: GroundMapping,
+) -> list[LaneVehicle]:
+    """Return the vehicles that are on the road as it is laid out anew, placed on it.
+
+    `tracks` are the same vehicles as they were last; in the picture they are where they were.
+    """
+    row_of = {track_id: row for row, track_id in enumerate(tracks.ids.tolist())}
+    there = assign(replace(tracks, enu=px_to_enu(mapping, tracks.px)), approaches)
+    kept = []
+    for vehicle in vehicles:
+        row = row_of.get(vehicle.track_id)
+        if row is None or there.approach[row] < 0:
+            continue
+        rear_m = float(there.station_m[row]) - vehicle.length_m / 2
+        vehicle.move(rear_m - vehicle.rear_m)
+        vehicle.approach, vehicle.lane = int(there.approach[row]), int(there.lane[row])
+        vehicle.offset_m = float(there.offset_m[row])
+        kept.append(vehicle)
+    return kept
 
 
 def _state(vehicle: LaneVehicle, t_s: float) -> TrackState:

@@ -142,6 +142,14 @@ class LaneVehicle:
         self.rear_m, self.speed_mps = rear_m, speed_mps
         self.var_station, self.covar, self.var_speed = END_SIGMA_M**2, 0.0, sigma_mps**2
 
+    def move(self, by_m: float) -> None:
+        """Give all its stations as another road counts them."""
+        self.rear_m += by_m
+        self.born_at_m += by_m
+        self.seen_at_m += by_m
+        self.ends = SeenEnds()
+        self.var_station += END_SIGMA_M**2
+
     def correct(self, rear_m: float, sigma_m: float) -> None:
         innovation = rear_m - self.rear_m
         total = self.var_station + sigma_m**2
