@@ -513,6 +513,15 @@ def test_who_stands_unseen_till_the_road_is_laid_out_anew_must_prove_it_later() 
         assert len(confirmed(tracks)) == believed
 
 
+def test_who_stands_when_a_road_is_first_found_is_believed_at_once() -> None:
+    road = Road()
+    for _ in range(150):
+        road.see(approaches=())
+    for _ in range(10):
+        tracks = road.see((1, 120.0, 124.6))
+    assert len(confirmed(tracks)) == 1
+
+
 def test_ids_are_never_used_twice() -> None:
     road = Road()
     ids: list[int] = []

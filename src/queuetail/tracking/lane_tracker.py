@@ -112,9 +112,10 @@ class LaneTracker:
 
     def _lay_out(self, approaches: tuple[Approach, ...], scene: Scene) -> None:
         """Take another road, or another idea of where it is: stations no longer mean the same."""
-        self._approaches, self._driven = approaches, []
-        if self._first_s is None or scene.t_s - self._first_s < EARLY_S:
+        early = self._first_s is not None and scene.t_s - self._first_s < EARLY_S
+        if early or not self._approaches:
             self._first_s = None
+        self._approaches, self._driven = approaches, []
         if self._tracks is not None:
             self._vehicles = carried_over(self._vehicles, self._tracks, approaches, scene.mapping)
 
