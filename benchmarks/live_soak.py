@@ -91,7 +91,7 @@ def draw(rows: list[dict[str, float]], picture: Path) -> None:
     figure, (upper, lower) = plt.subplots(2, 1, sharex=True, figsize=(8, 4.5), layout="tight")
     upper.plot(minutes, [row["memory_mb"] for row in rows], color="tab:blue")
     upper.set_ylabel("memory, MB")
-    upper.set_ylim(bottom=0)
+    upper.set_ylim(0, 1.1 * max(row["memory_mb"] for row in rows))
     lower.plot(minutes, [row["latency_p50_ms"] for row in rows], label="median")
     lower.plot(minutes, [row["latency_p99_ms"] for row in rows], label="99 %")
     lower.set_ylabel("arrival to answer, ms")
