@@ -30,7 +30,7 @@ from queuetail.types import Approach, Floats
 
 MIN_VEHICLES, MIN_MARKS = 4, 6  # of either one or the other
 MIN_AGREEING = 0.6  # of the vehicles that are on the road at all
-MIN_MARKS_AGREEING = 0.5  # the other carriageway and the shoulders have lines of their own
+MIN_MARKS_AGREEING = 0.55  # the other carriageway and the shoulders have lines of their own
 VEHICLE_AGREES, MARK_AGREES = 0.35, 0.12  # of a lane's width from where it belongs
 SHIFT_SIGMA_M, ROTATION_SIGMA_DEG, SCALE_SIGMA, TILT_SIGMA = 3.0, 2.0, 0.01, 0.012
 VEHICLES_SHARE_M = 0.2  # how far aside all vehicles may seem to be, for shadow or lean
