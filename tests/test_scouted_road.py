@@ -13,8 +13,9 @@ from queuetail.flight import open_flight
 from queuetail.geo.ground import px_to_enu
 from queuetail.mapping import RegisteredMapper, TelemetryMapper
 from queuetail.registrar import STILL, FrameRegistrar
-from queuetail.scouted_road import FoundRoad, SiteRoad, _differs, _with_old_names
+from queuetail.scouted_road import FoundRoad, SiteRoad, _differs, _turned, _with_old_names
 from queuetail.traffic.alignment import Alignment
+from queuetail.traffic.paths import Trajectory
 from queuetail.types import (
     Approach,
     Frame,
@@ -111,6 +112,20 @@ def test_after_a_cut_telemetry_may_be_off_by_something_else() -> None:
     trusted = mapped(of).pose_sigma.yaw_deg
     road._accept(alignment(0.0, 0.1))
     assert mapped(of).pose_sigma.yaw_deg == trusted
+
+
+def test_an_axis_drawn_against_the_traffic_is_told() -> None:
+    there = approach("NB")
+    t = np.arange(0.0, 15.0, 0.2)
+    path = np.column_stack([np.linspace(-120.0, 120.0, len(t)), np.full(len(t), -2.0)])
+    along, against = [Trajectory(t, path)] * 5, [Trajectory(t, path[::-1])] * 5
+    assert _turned((there,), along) == ()
+    assert _turned((there,), against) == ("NB",)
+    assert _turned((there,), against[:3]) == ()
+    assert _turned((there,), [*against, *along]) == ()
+    road = SiteRoad((there,), mapper())
+    road._turned = ("NB",)
+    assert "turn it round" in road.notes[0]
 
 
 def test_telemetry_that_was_far_off_is_trusted_less() -> None:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
 from queuetail.mapping import SETTLE_S, FixedMapper, RegisteredMapper
 from queuetail.traffic.alignment import Alignment, Camera, align
 from queuetail.traffic.carriageways import discover
+from queuetail.traffic.lane_evidence import NO_MARKS, gather, ways
+from queuetail.traffic.paths import Trajectory
 from queuetail.traffic.road import assign, length_m, locate
 from queuetail.types import Approach, Frame, GroundMapping, Registration, RoadVehicles, Tracks
 from queuetail.vision.foot import camera_above_ground
@@ -20,6 +23,7 @@ TRY_EVERY_S = 1.0
 WATCH_S = 45.0  # of traffic, after which nothing new is learnt of the road
 REFINE_AFTER_S = (6.0, 20.0)  # after the road was first found
 MIN_MOVE_M, MIN_SIGMAS = 0.4, 2.0  # smaller misalignments are left alone
+TURNED_BY, TURNED_BESIDE_M = 4, 8.0  # vehicles that drive against an approach or beside it
 MIN_AXIS_CHANGE_M = 0.5
 MIN_LONGER_M = 15.0, 60.0  # upstream, where queues end, and downstream
 
@@ -37,6 +41,7 @@ class SiteRoad:
         self.approaches = approaches
         self.alignment: Alignment | None = None
         self._mapper = mapper
+        self._turned: tuple[str, ...] = ()
         self._watching, self._misfit = False, 0.0
         self._epoch, self._began_s, self._tried_s = -1, 0.0, 0.0
         self._scout, self._lines = RoadScout(), LaneLines(approaches)
@@ -54,6 +59,7 @@ class SiteRoad:
         if frame.t_s - self._tried_s < TRY_EVERY_S:
             return
         self._tried_s = frame.t_s
+        self._turned = _turned(self.approaches, self._scout.trajectories)
         camera = Camera(*camera_above_ground(mapping))
         found = align(
             self.approaches,
@@ -67,11 +73,17 @@ class SiteRoad:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What lines and traffic said of the telemetry, once they did."""
+        """What lines and traffic said of the telemetry, once they did, and of the axes."""
+        turned = tuple(
+            f"vehicles drive against {name}, and none along it: if its axis was drawn against the "
+            "traffic, turn it round"
+            for name in self._turned
+        )
         if self.alignment is None:
-            return ()
+            return turned
         a = self.alignment
         return (
+            *turned,
             f"{a.marks} pieces of painted lines and {a.vehicles} vehicles show telemetry turned by "
             f"{a.rotation_deg:+.2f}° (± {a.rotation_sigma_deg:.2f}°), tilted by {a.tilt_deg:.2f}° "
             f"and {a.shift_m:+.2f} m (± {a.shift_sigma_m:.2f} m) to the left of the road",
@@ -97,6 +109,18 @@ class SiteRoad:
         if not small:
             # A new tuple: the raster is laid out anew, since every place in it has moved.
             self.approaches = tuple(dataclasses.replace(a) for a in self.approaches)
+
+
+def _turned(
+    approaches: tuple[Approach, ...], trajectories: Sequence[Trajectory]
+) -> tuple[str, ...]:
+    """Return the names of approaches that several drive against, while nobody drives along any."""
+    seen = gather(trajectories, NO_MARKS)
+    counts = [ways(a, seen, TURNED_BESIDE_M) for a in approaches]
+    if any(along for along, _ in counts):
+        return ()
+    named = zip(approaches, counts, strict=True)
+    return tuple(a.name for a, (_, against) in named if against >= TURNED_BY)
 
 
 def _is_sure(found: Alignment) -> bool:

@@ -169,6 +169,19 @@ def test_one_line_alone_may_be_any() -> None:
     assert found.move_sigma_m > 1.0
 
 
+def test_lines_do_not_turn_a_road_round() -> None:
+    """An axis drawn against the traffic has its lanes on the wrong side: lines would fit there."""
+    rng = np.random.default_rng(5)
+    true = road(lanes=2, course_deg=0.0)
+    drawn = Approach("drawn", true.axis_enu[::-1], 0.0, 2, 3.5)
+    marks = paint(true, (0, 1, 2), rng)
+    assert align([drawn], (), CAMERA, marks) is not None
+    assert align([drawn], drive(true, rng, 5), CAMERA, marks) is None
+    right = align([true], drive(true, rng, 5) + drive(opposite(true, 0.5), rng, 9), CAMERA, marks)
+    assert right is not None
+    assert abs(right.shift_m) < 0.1
+
+
 def test_lines_of_another_road_are_no_evidence() -> None:
     rng = np.random.default_rng(4)
     true = road(lanes=2, course_deg=0.0)

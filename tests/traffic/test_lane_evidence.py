@@ -16,6 +16,7 @@ from queuetail.traffic.lane_evidence import (
     gather,
     lateral,
     miss_m,
+    ways,
 )
 from queuetail.traffic.road import place
 from queuetail.types import Approach, Floats
@@ -76,6 +77,15 @@ def test_vehicles_belong_in_the_lanes_that_go_their_way() -> None:
     assert np.isnan(alone.miss_m).all()
     both = lateral([ROAD, other], seen, 20.0)
     assert np.abs(both.miss_m).max() < 1.2
+
+
+def test_who_drives_along_an_approach_and_who_against() -> None:
+    rng = np.random.default_rng(3)
+    seen = gather(drive(ROAD, rng, 4) + drive(opposite(ROAD, 2.0), rng, 6), marks(np.zeros(9)))
+    assert ways(ROAD, seen) == (4, 0)
+    assert ways(ROAD, seen, beside_m=9.0) == (4, 6)
+    assert ways(opposite(ROAD, 2.0), seen) == (6, 0)
+    assert ways(Approach("turned", ROAD.axis_enu[::-1], 0.0, 2, 3.5), seen, 8.0) == (6, 4)
 
 
 def test_what_is_out_of_reach_belongs_nowhere() -> None:

@@ -24,6 +24,7 @@ from queuetail.traffic.lane_evidence import (
     miss_m,
     offsets,
     turned,
+    ways,
 )
 from queuetail.traffic.paths import Trajectory
 from queuetail.types import Approach, Floats
@@ -31,6 +32,7 @@ from queuetail.types import Approach, Floats
 MIN_VEHICLES, MIN_MARKS = 4, 6  # of either one or the other
 MIN_AGREEING = 0.6  # of the vehicles that are on the road at all
 MIN_MARKS_AGREEING = 0.55  # the other carriageway and the shoulders have lines of their own
+MIN_WRONG_WAY = 3  # vehicles, for lines to lie on other lanes than they fit
 VEHICLE_AGREES, MARK_AGREES = 0.35, 0.12  # of a lane's width from where it belongs
 SHIFT_SIGMA_M, ROTATION_SIGMA_DEG, SCALE_SIGMA, TILT_SIGMA = 3.0, 2.0, 0.01, 0.012
 VEHICLES_SHARE_M = 0.2  # how far aside all vehicles may seem to be, for shadow or lean
@@ -88,12 +90,15 @@ def align(
 
     `doubt_m` is by how much shadows may set all vehicles aside.
     """
-    seen = _beside(approaches, gather(trajectories, marks)).thinned(SAMPLES)
+    everything = gather(trajectories, marks)
+    seen = _beside(approaches, everything).thinned(SAMPLES)
     if seen.vehicles < MIN_VEHICLES and seen.is_mark.sum() < MIN_MARKS:
         return None
     start, modes_m2 = _search(approaches, seen, camera)
     share_m = float(np.hypot(VEHICLES_SHARE_M, doubt_m))
     solution, covariance = _refine(approaches, seen, camera, start, share_m)
+    if _is_wrong_way(approaches, _moved(everything, solution, camera)):
+        return None
     return _alignment(approaches, seen, camera, solution, covariance, modes_m2)
 
 
@@ -152,6 +157,12 @@ def _is_believable(on_road: LaneEvidence, vehicles: int, marks: int) -> bool:
     most_vehicles = vehicles >= MIN_AGREEING * on_road.vehicles
     most_marks = shown < MIN_MARKS or marks >= MIN_MARKS_AGREEING * shown
     return enough and most_vehicles and most_marks
+
+
+def _is_wrong_way(approaches: Sequence[Approach], placed: LaneEvidence) -> bool:
+    """Tell whether more vehicles drive against the approaches, in their lanes, than along them."""
+    along, against = np.sum([ways(a, placed) for a in approaches], axis=0)
+    return bool(against >= MIN_WRONG_WAY and against > along)
 
 
 def _vehicles_that_agree(seen: LaneEvidence, found: Lateral) -> tuple[int, float]:

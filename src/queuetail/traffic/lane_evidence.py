@@ -122,6 +122,18 @@ def offsets(approach: Approach, seen: LaneEvidence) -> tuple[Floats, Floats, Boo
     return offset, turned(course), np.asarray(beside & (cos > SAME_WAY_COS))
 
 
+def ways(approach: Approach, seen: LaneEvidence, beside_m: float = 0.0) -> tuple[int, int]:
+    """Return how many vehicles drive along the approach and against it, in or near its lanes."""
+    station, offset, course = locate(approach, seen.enu)
+    station = station - approach.start_station_m
+    width_m = approach.lanes * approach.lane_width_m
+    near = (offset < beside_m) & (offset > -width_m - beside_m) & ~seen.is_mark
+    near &= (station > 0.0) & (station < length_m(approach))
+    cos = (course * seen.course).sum(axis=1)
+    along, against = (near & (way * cos > SAME_WAY_COS) for way in (1, -1))
+    return len(np.unique(seen.owner[along])), len(np.unique(seen.owner[against]))
+
+
 def miss_m(approach: Approach, offset_m: Floats, is_mark: Bools) -> Floats:
     """Return how far to the left of a lane's middle, or of its edge, offsets (..., n) lie."""
     width = approach.lane_width_m
