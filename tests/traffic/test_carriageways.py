@@ -88,6 +88,15 @@ def test_a_ramp_does_not_go_on_into_the_road_that_it_joins() -> None:
     assert longer[1] == pytest.approx([-ONWARD_M, 200.0], abs=1.0)
 
 
+@pytest.mark.parametrize("median_m", [0.5, 6.0])
+def test_carriageways_side_by_side_both_go_on_at_both_ends(median_m: float) -> None:
+    main = road(length_m=200.0, lanes=2)
+    both = _lengthened([main, opposite(main, median_m)])
+    for approach, longer in zip((main, opposite(main, median_m)), both, strict=True):
+        ends = locate(approach, longer.axis_enu[[0, -1]])[0]
+        assert ends == pytest.approx([-ONWARD_M, 200.0 + ONWARD_M], abs=1.0)
+
+
 def test_lane_beyond_a_wide_gap_is_another_approach() -> None:
     rng = np.random.default_rng(3)
     near, far = road(lanes=2), road(lanes=2)

@@ -207,24 +207,26 @@ def _lengthened(approaches: list[Approach]) -> list[Approach]:
     longer = []
     for approach in approaches:
         others = [a for a in approaches if a is not approach]
-        ahead = _clear(onward(approach.axis_enu, ONWARD_M, AXIS_POINT_M), approach, others)
-        behind = _clear(onward(approach.axis_enu[::-1], ONWARD_M, AXIS_POINT_M), approach, others)
-        axis = np.concatenate([behind[::-1], approach.axis_enu, ahead])
+        half_m = approach.lanes * approach.lane_width_m / 2
+        axis, middle = approach.axis_enu, shift_aside(approach.axis_enu, -half_m)
+        ends = []
+        for way in (1, -1):
+            free = _free(onward(middle[::way], ONWARD_M, AXIS_POINT_M), half_m, others)
+            ends.append(onward(axis[::way], ONWARD_M, AXIS_POINT_M)[:free])
+        axis = np.concatenate([ends[1][::-1], axis, ends[0]])
         longer.append(replace(approach, axis_enu=axis))
     return longer
 
 
-def _clear(points: Floats, approach: Approach, others: Sequence[Approach]) -> Floats:
-    """Return the points up to where one's lanes would come upon another approach's."""
-    half_m = approach.lanes * approach.lane_width_m / 2
-    middle = shift_aside(np.concatenate([approach.axis_enu[-1:], points]), -half_m)[1:]
-    blocked = np.zeros(len(points), np.bool_)
+def _free(middle: Floats, half_m: float, others: Sequence[Approach]) -> int:
+    """Return how many points of lanes' middle (n, 2) lie before they come upon another's lanes."""
+    blocked = np.zeros(len(middle), np.bool_)
     for other in others:
         station, offset, _ = locate(other, middle)
         other_half_m = other.lanes * other.lane_width_m / 2
         beside = np.abs(offset + other_half_m) < half_m + other_half_m
         blocked |= beside & (station > -ONWARD_M) & (station < length_m(other) + ONWARD_M)
-    return points[: int(np.argmax(blocked))] if blocked.any() else points
+    return int(np.argmax(blocked)) if blocked.any() else len(middle)
 
 
 def _at(axis: Floats, at: Floats, station_m: float) -> Floats:
