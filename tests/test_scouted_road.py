@@ -15,6 +15,7 @@ from queuetail.mapping import RegisteredMapper, TelemetryMapper
 from queuetail.registrar import STILL, FrameRegistrar
 from queuetail.scouted_road import FoundRoad, SiteRoad, _differs, _turned, _with_old_names
 from queuetail.traffic.alignment import Alignment
+from queuetail.traffic.lane_evidence import NO_MARKS, gather
 from queuetail.traffic.paths import Trajectory
 from queuetail.types import (
     Approach,
@@ -119,10 +120,10 @@ def test_an_axis_drawn_against_the_traffic_is_told() -> None:
     t = np.arange(0.0, 15.0, 0.2)
     path = np.column_stack([np.linspace(-120.0, 120.0, len(t)), np.full(len(t), -2.0)])
     along, against = [Trajectory(t, path)] * 5, [Trajectory(t, path[::-1])] * 5
-    assert _turned((there,), along) == ()
-    assert _turned((there,), against) == ("NB",)
-    assert _turned((there,), against[:3]) == ()
-    assert _turned((there,), [*against, *along]) == ()
+    assert _turned((there,), gather(along, NO_MARKS)) == ()
+    assert _turned((there,), gather(against, NO_MARKS)) == ("NB",)
+    assert _turned((there,), gather(against[:3], NO_MARKS)) == ()
+    assert _turned((there,), gather([*against, *along], NO_MARKS)) == ()
     road = SiteRoad((there,), mapper())
     road._turned = ("NB",)
     assert "turn it round" in road.notes[0]

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 
 import numpy as np
 
 from queuetail.mapping import SETTLE_S, FixedMapper, RegisteredMapper
 from queuetail.traffic.alignment import Alignment, Camera, align
 from queuetail.traffic.carriageways import discover
-from queuetail.traffic.lane_evidence import NO_MARKS, gather, ways
-from queuetail.traffic.paths import Trajectory
+from queuetail.traffic.lane_evidence import LaneEvidence, gather, ways
 from queuetail.traffic.road import assign, length_m, locate
 from queuetail.types import Approach, Frame, GroundMapping, Registration, RoadVehicles, Tracks
 from queuetail.vision.foot import camera_above_ground
@@ -59,15 +57,10 @@ class SiteRoad:
         if frame.t_s - self._tried_s < TRY_EVERY_S:
             return
         self._tried_s = frame.t_s
-        self._turned = _turned(self.approaches, self._scout.trajectories)
+        seen = gather(self._scout.trajectories, self._lines.marks)
+        self._turned = _turned(self.approaches, seen)
         camera = Camera(*camera_above_ground(mapping))
-        found = align(
-            self.approaches,
-            self._scout.trajectories,
-            camera,
-            self._lines.marks,
-            self._scout.doubt_m,
-        )
+        found = align(self.approaches, seen, camera, self._scout.doubt_m)
         if found is not None and _is_sure(found):
             self._accept(found)
 
@@ -111,11 +104,8 @@ class SiteRoad:
             self.approaches = tuple(dataclasses.replace(a) for a in self.approaches)
 
 
-def _turned(
-    approaches: tuple[Approach, ...], trajectories: Sequence[Trajectory]
-) -> tuple[str, ...]:
+def _turned(approaches: tuple[Approach, ...], seen: LaneEvidence) -> tuple[str, ...]:
     """Return the names of approaches that several drive against, while nobody drives along any."""
-    seen = gather(trajectories, NO_MARKS)
     counts = [ways(a, seen, TURNED_BESIDE_M) for a in approaches]
     if any(along for along, _ in counts):
         return ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -11,13 +12,23 @@ from hypothesis import strategies as st
 from synthetic_traffic import drive, opposite, road
 
 from queuetail.geo.ground import apply_homography
-from queuetail.traffic.alignment import Alignment, Camera, align
-from queuetail.traffic.lane_evidence import WINDOW_M, LineMarks
+from queuetail.traffic.alignment import Alignment, Camera
+from queuetail.traffic.alignment import align as align_to
+from queuetail.traffic.lane_evidence import NO_MARKS, WINDOW_M, LineMarks, gather
 from queuetail.traffic.paths import Trajectory
 from queuetail.traffic.road import locate, place
 from queuetail.types import Approach, Floats
 
 CAMERA = Camera(np.array([140.0, -20.0]), 110.0)
+
+
+def align(
+    approaches: Sequence[Approach],
+    seen: Sequence[Trajectory],
+    camera: Camera,
+    marks: LineMarks = NO_MARKS,
+) -> Alignment | None:
+    return align_to(approaches, gather(seen, marks), camera)
 
 
 def biased(seen: list[Trajectory], yaw_deg: float, shift: tuple[float, float]) -> list[Trajectory]:

@@ -10,7 +10,7 @@ import pytest
 from rasters import STRAIGHT, arc, camera, painted
 
 from queuetail.traffic.alignment import Camera, align
-from queuetail.traffic.lane_evidence import NO_MARKS, LineMarks
+from queuetail.traffic.lane_evidence import NO_MARKS, LineMarks, gather
 from queuetail.traffic.road import locate
 from queuetail.types import Approach, Floats, GroundMapping, Image
 from queuetail.vision.foot import camera_above_ground
@@ -119,7 +119,7 @@ def test_what_is_no_line_leaves_but_a_stray(
     luma = picture(STRAIGHT, mapping, *things)
     marks = watched((STRAIGHT,), mapping, [luma])
     assert len(marks) <= 3
-    assert align((STRAIGHT,), (), Camera(*camera_above_ground(mapping)), marks) is None
+    assert align((STRAIGHT,), gather((), marks), Camera(*camera_above_ground(mapping))) is None
 
 
 def test_vehicles_that_pass_hide_nothing_and_leave_nothing() -> None:

@@ -14,19 +14,15 @@ import numpy as np
 
 from queuetail.geo.ground import apply_homography
 from queuetail.traffic.lane_evidence import (
-    NO_MARKS,
     VEHICLE_SIGMA_M,
     LaneEvidence,
     Lateral,
-    LineMarks,
-    gather,
     lateral,
     miss_m,
     offsets,
     turned,
     ways,
 )
-from queuetail.traffic.paths import Trajectory
 from queuetail.types import Approach, Floats
 
 MIN_VEHICLES, MIN_MARKS = 4, 6  # of either one or the other
@@ -81,16 +77,14 @@ class Alignment:
 
 def align(
     approaches: Sequence[Approach],
-    trajectories: Sequence[Trajectory],
+    everything: LaneEvidence,
     camera: Camera,
-    marks: LineMarks = NO_MARKS,
     doubt_m: float = 0.0,
 ) -> Alignment | None:
     """Return the motion that brings the evidence to the lanes; None until enough of it agrees.
 
     `doubt_m` is by how much shadows may set all vehicles aside.
     """
-    everything = gather(trajectories, marks)
     seen = _beside(approaches, everything).thinned(SAMPLES)
     if seen.vehicles < MIN_VEHICLES and seen.is_mark.sum() < MIN_MARKS:
         return None
