@@ -134,11 +134,12 @@ class Unknown:
     reasons: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Approach:
     """One carriageway in one direction: its axis is the left edge of the left lane, in ENU.
 
     Lane 1 is the left-most and covers offsets 0 … −lane_width_m; lane 2 the next, and so on.
+    Each is only equal to itself, so that what follows from an axis can be kept by it.
     """
 
     name: str

@@ -79,3 +79,11 @@ def test_a_row_of_cars_hides_nothing() -> None:
         scene |= body(LEFT, 2, rear, 23, 1.8, 1.4)
         scene[car_box(LEFT, 1, rear + 3)] = 255
     assert not lane_rows(scene, LEFT, PX_PER_M)[0].partly.any()
+
+
+def test_a_reach_to_the_end_of_the_raster_hides_the_lane_there() -> None:
+    low = band(lean_px=(0.0, -2.0 * PX_PER_M))  # so low that the silhouette leaves the raster
+    scene = body(low, 2, 200, 80, 2.5, 8.0)
+    rows = lane_rows(scene, low, PX_PER_M)[0]
+    assert rows.hidden[210:270].all()
+    assert rows.cover(scene)[210:270].max() == 0

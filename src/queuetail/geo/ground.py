@@ -15,17 +15,10 @@ MIN_ASPECT = 1e-3  # of the spread of control points: a road 2 m wide and 2 km l
 
 def apply_homography(H: Floats, points: Floats) -> Floats:
     """Map points by a homography, (n, 2) -> (n, 2); NaN where they lie on its far side (w <= 0)."""
-    x, y = points[..., 0], points[..., 1]
-    w = H[2, 0] * x + H[2, 1] * y + H[2, 2]
-    w = np.where(w > 0, w, np.nan)
+    xyw = points @ H[:, :2].T + H[:, 2]
+    w = xyw[..., 2:]
     with np.errstate(over="ignore"):  # of points next to the horizon
-        return np.stack(
-            [
-                (H[0, 0] * x + H[0, 1] * y + H[0, 2]) / w,
-                (H[1, 0] * x + H[1, 1] * y + H[1, 2]) / w,
-            ],
-            axis=-1,
-        )
+        return np.asarray(xyw[..., :2] / np.where(w > 0, w, np.nan))
 
 
 def mapping_from_pose(

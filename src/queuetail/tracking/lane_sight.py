@@ -60,7 +60,7 @@ def is_hidden(sight: LaneSight | None, rear_m: float, front_m: float) -> bool:
         return False
     first, last = _columns(sight, rear_m, front_m)
     hidden = sight.hidden[first:last]
-    return bool(len(hidden)) and float(hidden.mean()) >= HIDDEN_SHARE
+    return bool(len(hidden)) and bool(np.count_nonzero(hidden) >= HIDDEN_SHARE * len(hidden))
 
 
 def _columns(sight: LaneSight, rear_m: float, front_m: float) -> tuple[int, int]:

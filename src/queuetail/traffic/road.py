@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -28,14 +29,12 @@ def locate(approach: Approach, enu: Floats) -> tuple[Floats, Floats, Floats]:
     Beyond its ends the axis goes on straight.
     """
     axis = approach.axis_enu
-    legs = np.diff(axis, axis=0)
-    lengths = np.linalg.norm(legs, axis=1)
-    units = legs / lengths[:, None]
-    starts = approach.start_station_m + np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
+    starts, lengths, units = _legs(approach)
+    starts = approach.start_station_m + starts
     east, north = (enu[:, i, None] - axis[:-1, i] for i in (0, 1))  # (n, legs)
     along = east * units[:, 0] + north * units[:, 1]
     aside = north * units[:, 0] - east * units[:, 1]
-    lower, upper = np.zeros(len(legs)), lengths.copy()
+    lower, upper = np.zeros(len(lengths)), lengths.copy()
     lower[0], upper[-1] = -np.inf, np.inf
     clipped = np.clip(along, lower, upper)
     nearest = np.argmin(aside**2 + (along - clipped) ** 2, axis=1)
@@ -45,18 +44,17 @@ def locate(approach: Approach, enu: Floats) -> tuple[Floats, Floats, Floats]:
 
 def length_m(approach: Approach) -> float:
     """Return how long the axis is, in metres."""
-    return float(np.linalg.norm(np.diff(approach.axis_enu, axis=0), axis=1).sum())
+    starts, lengths, _ = _legs(approach)
+    return float(starts[-1] + lengths[-1])
 
 
 def place(approach: Approach, station_m: Floats, offset_m: Floats) -> Floats:
     """Return the ENU points at stations and offsets, (n,), (n,) -> (n, 2); inverse of `locate`."""
     axis = approach.axis_enu
-    legs = np.diff(axis, axis=0)
-    lengths = np.linalg.norm(legs, axis=1)
-    starts = np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
+    starts, _, units = _legs(approach)
     along = np.asarray(station_m) - approach.start_station_m
-    leg = np.clip(np.searchsorted(starts, along, side="right") - 1, 0, len(legs) - 1)
-    unit = legs[leg] / lengths[leg][:, None]
+    leg = np.maximum(np.searchsorted(starts, along, side="right") - 1, 0)
+    unit = units[leg]
     left = np.column_stack([-unit[:, 1], unit[:, 0]])
     return np.asarray(
         axis[leg] + (along - starts[leg])[:, None] * unit + np.asarray(offset_m)[:, None] * left
@@ -119,6 +117,14 @@ class KnownRoad:
 def is_on(vehicles: RoadVehicles, approach_index: int) -> Bools:
     """Return which vehicles are on one approach."""
     return np.asarray(vehicles.approach == approach_index)
+
+
+@lru_cache(maxsize=64)
+def _legs(approach: Approach) -> tuple[Floats, Floats, Floats]:
+    """Return where each leg of the axis starts, how long it is, and its unit vector (k − 1, 2)."""
+    legs = np.diff(approach.axis_enu, axis=0)
+    lengths = np.linalg.norm(legs, axis=1)
+    return np.concatenate([[0.0], np.cumsum(lengths)[:-1]]), lengths, legs / lengths[:, None]
 
 
 def _between_ends(approach: Approach, station_m: Floats) -> Bools:

@@ -264,6 +264,8 @@ def _accept_occluders(road: Picture, picture: Picture, alike: Bools) -> None:
 def _ratio_or_neighbour(seen: Picture, road: Picture, rows: int) -> Picture:
     """Return seen / road per column; columns with too little bare road take the nearest ones'."""
     enough = road > 0.08 * rows * max(float(np.median(road)) / max(rows, 1), 1.0)
+    if enough.all():
+        return seen / road
     if not enough.any():
         return np.ones_like(seen)
     columns = np.arange(len(seen))

@@ -19,7 +19,8 @@ FASTEST_MPS, BACKWARD_MPS = 42.0, 2.0  # what is searched; a little backward, so
 HALF_WIDTH_M = 0.9  # of the lane's middle that is compared
 MIDDLE_HEIGHT_M = 0.8  # of a vehicle: where its middle appears, by the lean there
 STRIPS = 3  # across the lane: near side, middle and far side have textures of their own
-WINDOW_M = 3.0  # along the road, over which one speed is taken
+WINDOW_M = 3.0  # along the road, over which one speed is taken,
+STEP_M = 0.5  # at stations so far apart
 LONGEST_S = 0.35  # between two pictures that are compared
 MOST_UNLIKE = 0.5  # mismatch at the best shift, as a share of that at the worst
 LEAST_TEXTURE = 4.0  # grey levels of mismatch at the worst shift
@@ -75,7 +76,7 @@ def _signatures(raster: RoadRaster, band: Band) -> Image:
 def _speeds(
     now: Image, before: Image, px_per_m: float, dt_s: float, visible: tuple[int, int]
 ) -> Floats:
-    """Return the speed at every column of every lane, (lanes, columns).
+    """Return the speed at every column of every lane, (lanes, columns), alike over STEP_M.
 
     Nothing is told of where the picture does not show all that may have come there.
     """
@@ -90,23 +91,24 @@ def _speeds(
         # Column x is compared with column x − shift of the picture before.
         since = forward - shift
         cv2.absdiff(now, padded[:, since : since + columns], dst=unlike[i])
-    speeds = _best(_smoothed(unlike, lanes, px_per_m), backward, px_per_m * dt_s)
+    step = min(max(round(STEP_M * px_per_m), 1), columns)
+    smooth = _smoothed(unlike, lanes, step, px_per_m)
+    speeds = _best(smooth, backward, px_per_m * dt_s)
+    speeds = speeds[:, np.minimum(np.arange(columns) // step, speeds.shape[1] - 1)]
     speeds[:, : visible[0] + forward] = np.nan
     speeds[:, max(visible[1] - backward, 0) :] = np.nan
     return speeds
 
 
-def _smoothed(unlike: Image, lanes: int, px_per_m: float) -> Picture:
-    """Return the mismatch (shifts, lanes, columns), averaged over a lane's strips and a window."""
+def _smoothed(unlike: Image, lanes: int, step: int, px_per_m: float) -> Picture:
+    """Return the mismatch (shifts, lanes, steps), averaged over a lane's strips and a window."""
     count, _, columns = unlike.shape
-    strips = unlike.reshape(count * lanes, STRIPS, columns)
-    total = cv2.add(strips[:, 0], strips[:, 1], dtype=cv2.CV_32F)
-    for strip in range(2, STRIPS):
-        cv2.add(total, strips[:, strip], dst=total, dtype=cv2.CV_32F)
-    window = 2 * round(WINDOW_M * px_per_m / 2) + 1
-    smooth = cv2.boxFilter(total, cv2.CV_32F, (window, 1), normalize=True)
-    smooth /= STRIPS
-    return np.asarray(smooth.reshape(count, lanes, columns))
+    steps = columns // step
+    rows = unlike.reshape(count * lanes * STRIPS, columns)[:, : steps * step]
+    coarse = cv2.resize(rows, (steps, count * lanes), interpolation=cv2.INTER_AREA)
+    window = 2 * round(WINDOW_M * px_per_m / step / 2) + 1
+    smooth = cv2.boxFilter(coarse, cv2.CV_32F, (window, 1), normalize=True)
+    return np.asarray(smooth.reshape(count, lanes, steps))
 
 
 def _best(unlike: Picture, backward: int, px_per_mps: float) -> Floats:

@@ -169,7 +169,7 @@ class LaneDetector:
                 continue
             for i in self._lane(number, band, lane, seen, between, None, px_per_m):
                 inside = taken[max(round(i.rear), 0) : max(round(i.front), 0)]
-                if i.body >= BODY_SHARE and inside.mean() <= MOST_TAKEN:
+                if i.body >= BODY_SHARE and _share(inside) <= MOST_TAKEN:
                     found.append(i)
         return found
 
@@ -213,8 +213,8 @@ class LaneDetector:
             most = dark if kept is sure else dark_ends(kept[first:last], *limits)
             if not visible.edge:
                 ends = self._shadows.without(ends, dark, most, cut, px_per_m)
-            share = float((solid[first:last] >= BODY_COVER).mean())
-            roof = float(visible.partly[first:last].mean()) >= MOSTLY_PARTLY
+            share = _share(solid[first:last] >= BODY_COVER)
+            roof = _share(visible.partly[first:last]) >= MOSTLY_PARTLY
             row = middle
             if roof:
                 # What shows is the roof, which appears farther along the road by its lean.
@@ -224,7 +224,7 @@ class LaneDetector:
             else:
                 shown = seen.bodies if share >= BODY_SHARE else seen.standing
                 row = _middle_row(shown, band, middle, first, last)
-            contrast = float(seen.contrast[visible.core[0] : visible.core[1], first:last].mean())
+            contrast = cv2.mean(seen.contrast[slice(*visible.core), first:last])[0]
             found.append(
                 Interval(number, lane, *ends, row, cut, contrast, share, roof, astride=visible.edge)
             )
@@ -363,8 +363,14 @@ def _middle_row(standing: Image, band: Band, middle: float, first: int, last: in
     """Return the row of an interval's middle, from its spread across the lane and a bit beyond."""
     half = 0.6 * band.lane_width_px
     top, bottom = max(round(middle - half), 0), min(round(middle + half), len(standing))
-    weight = standing[top:bottom, first:last].mean(axis=1)
+    part = standing[top:bottom, first:last]
+    weight = cv2.reduce(part, 1, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[:, 0]
     total = float(weight.sum())
     if total <= 0:
         return middle
-    return top + 0.5 + float(weight @ np.arange(len(weight))) / total
+    return top + 0.5 + float(weight @ np.arange(len(weight), dtype=np.float32)) / total
+
+
+def _share(which: Bools) -> float:
+    """Return the share of columns (n,), n > 0, that are true."""
+    return np.count_nonzero(which) / len(which)

@@ -26,18 +26,23 @@ HOLE_M = 0.9  # windows and shade within a silhouette
 
 
 @dataclass(frozen=True, slots=True)
-class LaneRows:
-    """Where one lane is looked at: rows `top` … `bottom` (exclusive) at every column.
+class Beyond:
+    """What a car shows beyond a tall vehicle: where `window` (rows, columns) is 255."""
 
-    That is the lane's core, or what a car in it shows beyond a tall vehicle.
-    """
+    first_row: int
+    window: Image
+    rows: Floats  # (columns,) how many they are, at least 1
+
+
+@dataclass(frozen=True, slots=True)
+class LaneRows:
+    """Where one lane is looked at: its core, or beyond a tall vehicle that hides some of it."""
 
     middle: float
     core: tuple[int, int]  # the rows about its middle, first and one after the last
-    top: Ints  # (columns,) rows beyond a tall vehicle, where it hides some of the core
-    bottom: Ints
     partly: Bools  # (columns,) some of the core is hidden
     hidden: Bools  # (columns,) too little shows beyond what hides it
+    beyond: Beyond | None = None  # where it is partly hidden
     edge: bool = False  # it is no lane, but what is about the edge between two
 
     def cover(self, mask: Image, silhouettes: Image | None = None) -> Floats:
@@ -45,19 +50,14 @@ class LaneRows:
 
         `silhouettes` is looked at instead where the core is partly hidden.
         """
-        core = mask[int(self.core[0]) : int(self.core[1])]
-        mean = cv2.reduce(core, 0, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[0]
-        at = np.flatnonzero(self.partly)
-        if not len(at):
+        mean = cv2.reduce(mask[slice(*self.core)], 0, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[0]
+        if self.beyond is None:
             return np.asarray(mean)
-        top, bottom, columns = self.top[at], self.bottom[at], np.arange(len(at))
-        first, last = int(top.min()), int(bottom.max())
-        beyond = (mask if silhouettes is None else silhouettes)[first:last, at]
-        above = np.zeros((len(beyond) + 1, len(at)), np.float32)
-        np.cumsum(beyond, axis=0, dtype=np.float32, out=above[1:])
-        total = above[bottom - first, columns] - above[top - first, columns]
-        mean[at] = np.where(self.hidden[at], 0.0, total / np.maximum(bottom - top, 1))
-        return np.asarray(mean)
+        first = self.beyond.first_row
+        looked = (mask if silhouettes is None else silhouettes)[first:][: len(self.beyond.window)]
+        shown = cv2.bitwise_and(looked, self.beyond.window)
+        total = cv2.reduce(shown, 0, cv2.REDUCE_SUM, dtype=cv2.CV_32F)[0]
+        return np.where(self.partly, total / self.beyond.rows, mean)
 
 
 def lane_rows(
@@ -101,23 +101,33 @@ def _rows(
     core = _core(middle, px_per_m, height)
     if blocked is None:
         nowhere = np.zeros(columns, np.bool_)
-        none = np.zeros(columns, np.int64)
-        return LaneRows(middle, core, none, none, nowhere, nowhere)
+        return LaneRows(middle, core, nowhere, nowhere)
     partly = away * blocked >= away * (core[0] if away > 0 else core[1] - 1)
     far = int(np.clip(round(far_side), 0, height - 1))
     top, bottom = (blocked + 1, far + 1) if away > 0 else (far, blocked)
     top, bottom = np.broadcast_arrays(np.clip(top, 0, height), np.clip(bottom, 0, height))
     hidden = partly & (bottom - top < max(LEAST_VISIBLE_M * px_per_m, 1.0))
-    return LaneRows(middle, core, top, np.maximum(bottom, top), partly, hidden)
+    return LaneRows(middle, core, partly, hidden, _beyond(top, bottom, partly, hidden))
+
+
+def _beyond(top: Ints, bottom: Ints, partly: Bools, hidden: Bools) -> Beyond | None:
+    """Return rows `top` … `bottom` (exclusive) of the partly hidden columns, None without any."""
+    if not partly.any():
+        return None
+    last = max(int(bottom[partly].max()), 1)
+    first = min(int(top[partly].min()), last - 1)
+    row = np.arange(first, last)[:, None]
+    shows = (row >= top) & (row < bottom) & partly & ~hidden
+    window = np.where(shows, np.uint8(255), np.uint8(0))
+    return Beyond(first, window, np.maximum(bottom - top, 1).astype(np.float32))
 
 
 def lane_edge(left: LaneRows, right: LaneRows, px_per_m: float, height: int) -> LaneRows:
     """Return the rows about the edge between two lanes, hidden where some of either lane is."""
     middle = (left.middle + right.middle) / 2
     hidden = left.partly | left.hidden | right.partly | right.hidden
-    none = np.zeros(len(hidden), np.int64)
     core = _core(middle, px_per_m, height)
-    return LaneRows(middle, core, none, none, np.zeros_like(hidden), hidden, edge=True)
+    return LaneRows(middle, core, np.zeros_like(hidden), hidden, edge=True)
 
 
 def _core(middle: float, px_per_m: float, height: int) -> tuple[int, int]:
@@ -143,7 +153,9 @@ def _reach(
     tall_px = (TALL_M + TALL_LEAN * lean_m - START_M) * px_per_m
     if int(tall_px) >= len(outward) or np.count_nonzero(outward[int(tall_px)]) < size:
         return None
-    run = np.logical_and.accumulate(outward > 0, axis=0).sum(axis=0).astype(np.float32)[None]
+    open_road = outward == 0
+    run = np.where(open_road.any(axis=0), open_road.argmax(axis=0), len(outward))
+    run = run.astype(np.float32)[None]
     if low is not None:
         run[0, low] = 0.0
     smooth = cv2.morphologyEx(run, cv2.MORPH_OPEN, np.ones((1, size), np.uint8))

@@ -26,7 +26,8 @@ def bridged(on: Image, under: Bools, longest: float) -> Image:
     edges = np.flatnonzero(np.diff(np.concatenate([[0], on, [0]])))
     joined = on.copy()
     for end, begin in zip(edges[1:-1:2].tolist(), edges[2::2].tolist(), strict=True):
-        if begin - end <= longest and under[end:begin].mean() >= UNBROKEN:
+        shaded = np.count_nonzero(under[end:begin])
+        if begin - end <= longest and shaded >= UNBROKEN * (begin - end):
             joined[end:begin] = 1
     return joined
 
@@ -105,18 +106,25 @@ def enclosed(outlines: Image, px_per_m: float, lean: float) -> Image:
     # Half the size shows a truck's body as well; no outline breaks when its pixels spread first.
     small = cv2.dilate(outlines, np.ones((2, 2), np.uint8))[::2, ::2]
     px_per_m /= 2
-    holes = cv2.bitwise_not(small)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(holes, connectivity=4)
-    rows, columns = small.shape
-    left, top, width, height, area = (stats[:, i] for i in range(5))
-    inside = (left > 0) & (left + width < columns)
-    inside &= (lean < 0) | (top > 0)
-    inside &= (lean > 0) | (top + height < rows)
-    inside &= (width >= TRUCK_HOLE_M[0] * px_per_m) & (width <= TRUCK_HOLE_M[1] * px_per_m)
-    inside &= (height >= 0.8 * px_per_m) & (height <= TRUCK_HOLE_WIDTH_M * px_per_m)
-    inside &= area >= TRUCK_HOLE_SHARE * width * height
-    inside[0] = False
-    if not inside.any():
+    edges = int(lean < 0), int(lean > 0)
+    framed = cv2.copyMakeBorder(small, *edges, 0, 0, cv2.BORDER_CONSTANT, value=255)
+    contours, nesting = cv2.findContours(framed, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
+    bodies = np.zeros_like(framed)
+    for i, contour in enumerate(contours):
+        if nesting[0, i, 3] < 0:
+            continue  # the outer edge of an outline, not that of a hole in it
+        _, _, width, height = cv2.boundingRect(contour)  # of the outline around the hole
+        if not (
+            TRUCK_HOLE_M[0] * px_per_m <= width - 2 <= TRUCK_HOLE_M[1] * px_per_m
+            and 0.8 * px_per_m <= height - 2 <= TRUCK_HOLE_WIDTH_M * px_per_m
+        ):
+            continue
+        hole = np.zeros_like(framed)
+        cv2.drawContours(hole, [contour], 0, 255, cv2.FILLED)
+        hole = cv2.bitwise_and(hole, cv2.bitwise_not(framed))
+        if cv2.countNonZero(hole) >= TRUCK_HOLE_SHARE * (width - 2) * (height - 2):
+            bodies |= hole
+    if not bodies.any():
         return np.zeros_like(outlines)
-    bodies = np.where(inside, np.uint8(255), np.uint8(0))[labels]
+    bodies = bodies[edges[0] : len(bodies) - edges[1]]
     return np.asarray(cv2.resize(bodies, outlines.shape[::-1], interpolation=cv2.INTER_NEAREST))

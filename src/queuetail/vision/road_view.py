@@ -51,6 +51,7 @@ class RoadView:
         self._approaches: tuple[Approach, ...] = ()
         self._image = np.zeros((0, 0), np.uint8)
         self._bands: tuple[Band, ...] = ()
+        self._shrinks: list[list[int]] = []  # of each band's tiles, at the last look
         self._checked_s = -np.inf
         self._height_m = np.inf  # of the camera above the road
         self._corners_enu: Floats | None = None  # of the lower half of the picture, then
@@ -63,9 +64,9 @@ class RoadView:
             self._lay_out(frame, mapping, approaches)
         if self._plan is None:
             return RoadRaster(self._image, 1.0, (), self._serial, approaches, t_s=frame.t_s)
-        for band in self._plan.bands:
-            for tile in band.tiles:
-                self._render_tile(frame.luma, mapping, band, tile)
+        for band, shrinks in zip(self._plan.bands, self._shrinks, strict=True):
+            for tile, shrink in zip(band.tiles, shrinks, strict=True):
+                self._render_tile(frame.luma, mapping, band, tile, shrink)
         return RoadRaster(
             image=self._image,
             px_per_m=1.0 / self._plan.metres_per_px,
@@ -81,15 +82,16 @@ class RoadView:
         mask = np.zeros_like(self._image)
         for strip, band in zip(self._plan.bands if self._plan else (), self._bands, strict=True):
             half = strip.approach.lane_width_m / 2 / strip.metres_per_px
+            lean_px = band.lean_px.tolist()
             for approach, lane, rear_m, front_m, _ in footprints:
                 if approach != strip.approach_index or lane > len(band.lane_rows):
                     continue
                 middle = band.lane_rows[lane - 1]
                 first = (rear_m - strip.start_station_m) / strip.metres_per_px
                 last = (front_m - strip.start_station_m) / strip.metres_per_px
-                block = int(np.clip(first / strip.columns, 0, 0.999) * len(band.lean_px))
+                block = int(min(max(first / strip.columns, 0.0), 0.999) * len(lean_px))
                 height_m = CAR_HEIGHT_M if front_m - rear_m < TRUCK_LENGTH_M else TRUCK_HEIGHT_M
-                across, up = band.lean_px[block] * height_m
+                across, up = lean_px[block][0] * height_m, lean_px[block][1] * height_m
                 top = max(int(middle - half + min(up, 0)), 0)
                 bottom = min(int(middle + half + max(up, 0)) + 1, strip.rows)
                 left, right = int(first + min(across, 0)), int(last + max(across, 0)) + 1
@@ -202,21 +204,19 @@ class RoadView:
         self._height_m = camera[1]
         strips = self._plan.bands if self._plan else ()
         self._bands = tuple(_seen_band(b, mapping, frame.size, camera) for b in strips)
+        self._shrinks = [[_shrink(mapping, b, tile) for tile in b.tiles] for b in strips]
 
     def _render_tile(
-        self, luma: Image, mapping: GroundMapping, band: StripBand, tile: Tile
+        self, luma: Image, mapping: GroundMapping, band: StripBand, tile: Tile, shrink: int
     ) -> None:
-        H_px_raster = mapping.H_px_enu @ tile.H_enu_raster
         rows = slice(band.first_row, band.first_row + band.rows)
         columns = slice(tile.first_column, tile.first_column + tile.columns)
-        corner = np.array([[1, 0, columns.start], [0, 1, rows.start], [0, 0, 1.0]])
-        H_px_tile = H_px_raster @ corner
+        H_px_tile = _tile_to_px(mapping, band, tile)
         left, top, right, bottom = _source_window(H_px_tile, tile.columns, band.rows, luma.shape)
         if right - left < 2 or bottom - top < 2:
             self._image[rows, columns] = 0
             return
         source = luma[top:bottom, left:right]
-        shrink = _shrink(H_px_tile, tile.columns, band.rows)
         if shrink > 1:
             # Averaging first keeps fine texture of a large picture from turning into noise.
             height, width = (max(n // shrink, 1) for n in source.shape)
@@ -278,7 +278,7 @@ def _boxes_px(
 ) -> Floats:
     """Return boxes (x, y, width, height) around the ground that detections cover, in pixels."""
     boxes = np.empty((len(index), 4))
-    for number in np.unique(index).tolist():
+    for number in sorted(set(index.tolist())):
         at = np.flatnonzero(index == number)
         stations = np.concatenate([rear[at], front[at], front[at], rear[at]])
         sides = np.repeat([1.0, 1.0, -1.0, -1.0], len(at))
@@ -306,13 +306,18 @@ def _source_window(
     )
 
 
-def _shrink(H_px_tile: Floats, columns: int, rows: int) -> int:
+def _tile_to_px(mapping: GroundMapping, band: StripBand, tile: Tile) -> Floats:
+    """Return the homography from a tile's own pixels to those of the frame."""
+    corner = np.array([[1, 0, tile.first_column], [0, 1, band.first_row], [0, 0, 1.0]])
+    return np.asarray(mapping.H_px_enu @ tile.H_enu_raster @ corner)
+
+
+def _shrink(mapping: GroundMapping, band: StripBand, tile: Tile) -> int:
     """Return how many frame pixels one raster pixel covers each way, at least 1."""
-    middle = np.array([[columns / 2, rows / 2]])
-    centre = apply_homography(H_px_tile, middle)
-    along = np.linalg.norm(apply_homography(H_px_tile, middle + np.array([1.0, 0.0])) - centre)
-    across = np.linalg.norm(apply_homography(H_px_tile, middle + np.array([0.0, 1.0])) - centre)
-    scale = min(along, across)
+    middle = np.array([tile.columns / 2, band.rows / 2])
+    beside = middle + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    centre, ahead, aside = apply_homography(_tile_to_px(mapping, band, tile), beside)
+    scale = min(np.linalg.norm(ahead - centre), np.linalg.norm(aside - centre))
     return max(int(scale), 1) if np.isfinite(scale) else 1
 
 
