@@ -102,11 +102,12 @@ class Road:
         flows: Sequence[Flow] = (),
         hidden: Sequence[Hidden] = (),
         shadows: Sequence[int] = (),
+        shadow_at: Sequence[float] = (),
         astride: bool = False,
     ) -> Tracks:
         raster = RoadRaster(np.zeros((1, 1), np.uint8), 5.0, (BAND,), 1, approaches, {0: VIEW})
         told = points(seen, flows=flows, hidden=hidden)
-        told.shadow[np.isin(told.lane, shadows)] = True
+        told.shadow[np.isin(told.lane, shadows) | np.isin(told.rear_m, shadow_at)] = True
         if astride:
             told.astride[:], told.offset_m[:] = True, -3.6
         tracks = self.tracker.update(told, Scene(self.t_s, raster, MAPPING))
@@ -301,6 +302,45 @@ def test_a_dark_car_is_believed_between_standing_ones_only() -> None:
     for _ in range(30):
         tracks = road.see(alone, *row)
     assert sorted(round(rear(tracks, i)) for i in confirmed(tracks)) == [100, 107, 114]
+
+
+def test_a_dark_car_in_a_row_is_believed_though_it_may_be_its_neighbours_shadow() -> None:
+    road = Road()
+    row = [(1, 100.0, 104.6), (1, 107.0, 111.6, 0.5, 0.05), (1, 114.0, 118.6)]
+    after = (1, 121.0, 125.6, 0.5, 0.05)
+    for _ in range(30):
+        tracks = road.see(*row, after, shadow_at=(107.0, 121.0))
+    assert sorted(round(rear(tracks, i)) for i in confirmed(tracks)) == [100, 107, 114]
+
+
+def test_a_dark_car_that_merges_with_a_bright_one_is_kept() -> None:
+    """It drove here, so it is no shadow of what it now stands close behind."""
+    road = Road()
+    for step in range(100):
+        at, _ = braked(step / 10, 80.0)
+        tracks = road.see((1, at, at + 4.6, 0.5, 0.05), (1, 87.0, 91.6))
+    for _ in range(50):
+        tracks = road.see((1, 80.0, 91.6, 0.5, 0.45))
+    assert sorted(round(rear(tracks, i)) for i in confirmed(tracks)) == [80, 87]
+
+
+def test_who_is_new_stays_in_the_interval_that_shows_it() -> None:
+    """Four cars in one interval, and a dark thing just behind: none of the four slips there."""
+    road = Road()
+    for _ in range(20):
+        flow = (1, 100.0, 126.6, 0.0)
+        tracks = road.see((1, 100.0, 126.6), (1, 93.5, 98.5, 0.5, 0.05), flows=[flow])
+    assert sorted(round(rear(tracks, i)) for i in confirmed(tracks)) == [100, 107, 113, 121]
+
+
+def test_what_stands_in_front_of_half_a_vehicle_does_not_stop_it() -> None:
+    """A parked car hides the lower half of a bus: the picture stands still there."""
+    road = Road()
+    for step in range(60):
+        at = 10.0 + 0.6 * step
+        hidden = (1, at - 1.0, at + 7.0, 0.0) if step > 30 else (1, 0.0, 0.1, 0.0)
+        tracks = road.see((1, at, at + 11.0), flows=[(1, at, at + 11.0, 6.0), hidden])
+    assert np.linalg.norm(tracks.velocity_mps[0]) == pytest.approx(6.0, abs=0.5)
 
 
 def test_half_a_car_does_not_shrink_it() -> None:

@@ -6,7 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
-from queuetail.tracking.lane_vehicle import END_SIGMA_M, STANDING_MPS, Interval, LaneVehicle
+from queuetail.tracking.lane_vehicle import (
+    END_SIGMA_M,
+    STANDING_MPS,
+    Interval,
+    LaneVehicle,
+    SeenEnds,
+)
 
 ROOF_SIGMA_M = 2.0  # of an end of which only the roof is seen,
 CLEAN, CLEAN_ROOF_SIGMA_M = 0.3, 0.6  # and of the middle of one that is as long as its vehicle
@@ -94,6 +100,9 @@ def _correct_by_roof(vehicle: LaneVehicle, interval: Interval, whole: bool) -> N
 
 def _without_edges(vehicle: LaneVehicle, interval: Interval) -> Interval:
     """Take an end that stands while the vehicle drives for the edge of a bridge, not its own."""
+    if interval.cut_rear or interval.cut_front:
+        vehicle.ends = SeenEnds()  # the edge of what is seen stands as well
+        return interval
     ends = vehicle.ends
     ends.note(interval.rear_m, interval.front_m)
     if vehicle.length_sure or not (ends.rear_stands or ends.front_stands):

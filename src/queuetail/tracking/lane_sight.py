@@ -13,19 +13,24 @@ GATE_MPS, GATE_SIGMAS = 2.0, 3.0
 FLOW_SIGMA_MPS, FLOW_SPREAD, MOST_SPREAD_MPS = 0.15, 1.3, 2.0
 FLOW_SHARE = 0.25  # of a vehicle's length whose motion is known
 RESTING_MPS = 0.3
+OWN_MOTION, OWN_SIGMA_MPS = 0.5, 1.5  # share by which what is its own may differ from its speed
 
 
 def follow_flow(vehicle: LaneVehicle, sight: LaneSight | None, was_seen: bool) -> None:
     """Correct a vehicle's speed by how the picture moves where it is, unless that is another's.
 
-    Where a vehicle `was_seen` no more, it is the road or a bridge that stands still.
+    Where a vehicle `was_seen` no more, it is the road or a bridge that stands still; and where some
+    of it goes on as before, it is something in front of the rest.
     """
     flow = flow_mps(sight, vehicle.rear_m, vehicle.front_m)
     if flow is None or flow[0] < -RESTING_MPS:
         return
     speed_mps, sigma_mps = flow
-    if abs(speed_mps) < RESTING_MPS and vehicle.speed_mps > DRIVING_MPS and not was_seen:
-        return
+    if vehicle.speed_mps > DRIVING_MPS and speed_mps < (1 - OWN_MOTION) * vehicle.speed_mps:
+        own = _own_motion_mps(sight, vehicle)
+        if own is None and abs(speed_mps) < RESTING_MPS and not was_seen:
+            return
+        speed_mps, sigma_mps = own or flow
     if abs(speed_mps) < RESTING_MPS and vehicle.speed_mps < STANDING_MPS:
         # Still is still: noise that is cut off at 0 would make it creep.
         speed_mps = 0.0
@@ -52,6 +57,18 @@ def flow_mps(sight: LaneSight | None, rear_m: float, front_m: float) -> tuple[fl
     if spread > MOST_SPREAD_MPS:
         return None
     return middle, FLOW_SIGMA_MPS + FLOW_SPREAD * spread
+
+
+def _own_motion_mps(sight: LaneSight | None, vehicle: LaneVehicle) -> tuple[float, float] | None:
+    """Return the motion, and its sigma, of what goes as fast as a vehicle where it is, if any."""
+    if sight is None:
+        return None
+    first, last = _columns(sight, vehicle.rear_m, vehicle.front_m)
+    speeds = sight.speed_mps[first:last]
+    own = speeds[np.abs(speeds - vehicle.speed_mps) < OWN_MOTION * vehicle.speed_mps]
+    if not len(own) or len(own) < FLOW_SHARE * np.isfinite(speeds).sum():
+        return None
+    return float(np.median(own)), OWN_SIGMA_MPS
 
 
 def is_hidden(sight: LaneSight | None, rear_m: float, front_m: float) -> bool:

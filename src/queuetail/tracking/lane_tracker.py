@@ -21,6 +21,7 @@ from queuetail.tracking.lane_vehicle import (
     STANDING_MPS,
     Interval,
     LaneVehicle,
+    is_elsewhere,
     overlap_m,
     overlaps,
     owns,
@@ -30,7 +31,7 @@ from queuetail.tracking.lane_vehicle import (
     that_fit,
     without_doubles,
 )
-from queuetail.tracking.parts import joined_parts, mark_rows, merge_followers
+from queuetail.tracking.parts import joined_parts, mark_rows, merge_followers, stands_in_row
 from queuetail.types import (
     Approach,
     LaneSight,
@@ -101,7 +102,8 @@ class LaneTracker:
         for key in sorted(set(lanes) | set(measured)):
             sight = points.sights.get(key)
             left += self._update_lane(key, measured.get(key, []), sight, scene.t_s, dt_s)
-        left = self._changed_lanes([i for i in left if not i.shadow], scene.t_s)
+        left = [i for i in left if not i.shadow or stands_in_row(i, self._vehicles)]
+        left = self._changed_lanes(left, scene.t_s)
         for interval in left:
             begin_m = points.spans.get(interval.approach, (-np.inf, np.inf))[0]
             self._start(interval, begin_m, points.sights, scene.t_s)
@@ -321,7 +323,10 @@ def claimants(
 ) -> list[LaneVehicle]:
     """Return the vehicles of a lane that one of its intervals shows, the last one first."""
     known = [v for v in vehicles if owns(v, interval, t_s)]
-    inside = known[:1] or that_fit([v for v in vehicles if overlaps(v, interval)], interval)
+    here = [
+        v for v in vehicles if overlaps(v, interval) and not is_elsewhere(v, interval, intervals)
+    ]
+    inside = known[:1] or that_fit(here, interval)
     if any(v.confirmed for v in inside):
         return inside
     flow = flow_mps(sight, interval.rear_m, interval.front_m)

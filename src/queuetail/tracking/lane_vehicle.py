@@ -219,11 +219,19 @@ def shared(vehicle: LaneVehicle, interval: Interval) -> float:
 def overlaps(vehicle: LaneVehicle, interval: Interval) -> bool:
     """Tell whether a vehicle may be what the interval shows."""
     low, high = sorted((vehicle.body, interval.body))
-    if low < LEAST_BODY and high >= SURE_BODY:
+    known_dark = vehicle.body < LEAST_BODY and (vehicle.moved or vehicle.in_row)
+    if low < LEAST_BODY and high >= SURE_BODY and not known_dark:
         return False  # one is a shadow, the other throws one
     if shared(vehicle, interval) >= 0.4:
         return True
     return not vehicle.confirmed and -overlap_m(vehicle, interval) < min(vehicle.gate_m(), 6.0)
+
+
+def is_elsewhere(vehicle: LaneVehicle, interval: Interval, intervals: Sequence[Interval]) -> bool:
+    """Tell whether a vehicle is only near an interval, and within another one."""
+    if overlap_m(vehicle, interval) > 0:
+        return False
+    return any(overlap_m(vehicle, other) > 0 for other in intervals)
 
 
 def that_fit(vehicles: list[LaneVehicle], interval: Interval) -> list[LaneVehicle]:

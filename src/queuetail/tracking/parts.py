@@ -105,6 +105,22 @@ def mark_rows(vehicles: Sequence[LaneVehicle]) -> None:
             )
 
 
+def stands_in_row(interval: Interval, vehicles: Sequence[LaneVehicle]) -> bool:
+    """Tell whether something lies, as long as a car, between standing vehicles of its lane."""
+    if not CAR_M[0] < interval.front_m - interval.rear_m < CAR_M[1]:
+        return False
+    standing = [
+        v
+        for v in vehicles
+        if (v.approach, v.lane) == (interval.approach, interval.lane)
+        and v.confirmed
+        and v.speed_mps < STANDING_MPS
+    ]
+    behind = any(LEAST_GAP_M < interval.rear_m - v.front_m < ROW_GAP_M for v in standing)
+    ahead = any(LEAST_GAP_M < v.rear_m - interval.front_m < ROW_GAP_M for v in standing)
+    return behind and ahead
+
+
 def _follows_too_closely(behind: LaneVehicle, ahead: LaneVehicle) -> bool:
     slower = min(behind.speed_mps, ahead.speed_mps)
     return (
