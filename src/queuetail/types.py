@@ -33,6 +33,7 @@ class Frame:
     t_s: float
     luma: Image  # (height, width), the decoder's own plane: read, never write
     bgr: Callable[[int, int], Image]  # (width, height) -> (height, width, 3), converted on demand
+    chroma: tuple[Image, ...] = ()  # its two colour planes, mostly of half the size; () for none
 
     @property
     def size(self) -> tuple[int, int]:
@@ -182,14 +183,15 @@ class RoadRaster:
     approaches: tuple[Approach, ...] = ()
     spans: dict[int, tuple[float, float]] = field(default_factory=dict)  # visible stations, metres
     t_s: float = 0.0  # of the frame that it shows
+    colour: Image | None = None  # (2, rows / 2, columns / 2), rounded up: its chroma
 
 
 @dataclass(frozen=True, slots=True)
 class Masks:
-    """What is not road (255), which of it is brighter than road, and which is cast shadow."""
+    """What is not road (255), which of it is no shadow for certain, and which is cast shadow."""
 
     foreign: Image
-    bright: Image
+    bright: Image  # brighter than road, or of another colour
     shade: Image
     contrast: NDArray[np.float32]  # how far from road, as a share of its brightness
 

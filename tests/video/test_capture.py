@@ -15,6 +15,7 @@ from clips import cut, index_of, picture, turn, write_clip, write_sound
 from queuetail.errors import InputError
 from queuetail.types import Frame
 from queuetail.video import VideoFile
+from queuetail.video.capture import frame_of
 
 FASTSTART = {"movflags": "+faststart"}
 EIGHT_SECONDS = range(0, 8000, 40)
@@ -126,6 +127,37 @@ def test_luma_is_the_decoders_own_plane(tmp_path: Path) -> None:
     while isinstance(base.base, np.ndarray):
         base = base.base
     assert isinstance(base.base, memoryview)  # the plane's memory, not a copy of it
+
+
+@pytest.mark.parametrize(
+    ("pixel_format", "shape"),
+    [
+        *(("yuv420p", (24, 32)), ("yuv422p", (48, 32)), ("yuv444p", (48, 64))),
+        *(("yuv420p10le", (24, 32)), ("bgra", (24, 32)), ("gray", None)),
+    ],
+)
+def test_chroma_comes_beside_luma(
+    tmp_path: Path, pixel_format: str, shape: tuple[int, int] | None
+) -> None:
+    path = write_clip(tmp_path / "clip.mkv", codec="ffv1", pixel_format=pixel_format)
+    frames, _ = read(path)
+    assert [plane.shape for plane in frames[0].chroma] == ([] if shape is None else [shape] * 2)
+    for plane in frames[0].chroma:
+        assert abs(float(plane.mean()) - 128) < 20  # the pictures are nearly grey
+
+
+def test_interleaved_chroma_is_taken_apart() -> None:
+    coded = av.VideoFrame.from_ndarray(picture(0), format="bgr24").reformat(format="nv12")
+    planar = coded.reformat(format="yuv420p")
+    chroma = frame_of(0, 0.0, coded, 0).chroma
+    for ours, plane in zip(chroma, planar.planes[1:], strict=True):
+        rows = np.frombuffer(memoryview(plane), np.uint8).reshape(-1, plane.line_size)
+        np.testing.assert_array_equal(ours, rows[: plane.height, : plane.width])
+
+
+def test_chroma_turns_with_the_picture(tmp_path: Path) -> None:
+    frames, _ = read(turn(write_clip(tmp_path / "clip.mp4"), 90))
+    assert [plane.shape for plane in frames[0].chroma] == [(32, 24)] * 2
 
 
 def test_frames_outlive_the_file_and_each_other(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from itertools import pairwise
 
 import cv2
@@ -102,6 +103,34 @@ def test_what_is_drawn_at_a_place_is_found_at_that_place(
     pixel_m = float(1.0 / np.linalg.norm(px[1:] - px[0], axis=1).min())
     assert points.rear_m == pytest.approx([197.0, 203.0], abs=1.0 * pixel_m + 0.1)
     assert points.offset_m[0] == pytest.approx(-3.6, abs=0.7 * pixel_m + 0.1)
+
+
+@pytest.mark.parametrize(("road", "station_m"), [(STRAIGHT, 400.0), (arc(), 122.0)])
+def test_colours_lie_where_brightness_does(road: Approach, station_m: float) -> None:
+    """One patch, in luma and in chroma planes of half the size, on straight and bent roads."""
+
+    def patch(enu: Floats) -> Floats:
+        station, offset, _ = locate(road, enu)
+        on = (np.abs(station - station_m) < 5.0) & (np.abs(offset + 3.6) < 1.5)
+        return np.where(on, 200.0, 128.0)
+
+    mapping = camera(70.0)
+    luma = painted(mapping, (1280, 720), patch)
+    chroma = painted(camera(70.0, size=(640, 360)), (640, 360), patch)
+    seen = dataclasses.replace(frame(luma), chroma=(chroma, chroma))
+    raster = RoadView().render(seen, mapping, (road,))
+    assert raster.colour is not None
+    assert raster.colour.shape == (2, *((n + 1) // 2 for n in raster.image.shape))
+    bright = np.argwhere(raster.image > 164)
+    for coloured in (np.argwhere(plane > 164) for plane in raster.colour):
+        assert 2 * coloured.mean(axis=0) + 0.5 == pytest.approx(bright.mean(axis=0), abs=0.6)
+        assert 4 * len(coloured) == pytest.approx(len(bright), rel=0.1)
+
+
+def test_a_video_without_colours_gives_a_raster_without() -> None:
+    mapping = camera(60.0)
+    raster = RoadView().render(frame(np.full((720, 1280), 90, np.uint8)), mapping, (STRAIGHT,))
+    assert raster.colour is None
 
 
 def test_visible_columns_are_those_whose_lanes_are_in_the_picture() -> None:

@@ -278,13 +278,26 @@ def frame_of(index: int, t_s: float, picture: VideoFrame, rotation_deg: int) -> 
         turned = np.rot90(scaled, turns) if turns else scaled
         return np.ascontiguousarray(turned, np.uint8)
 
-    luma = _luma(picture)
-    return Frame(index, t_s, np.rot90(luma, turns) if turns else luma, bgr)
+    is_plain = picture.format.name in LUMA_FIRST
+    coded = picture if is_plain else picture.reformat(format="yuvj420p")
+    planes = [_plane(coded, 0), *_chroma(coded)]
+    luma, *chroma = (np.rot90(plane, turns) if turns else plane for plane in planes)
+    return Frame(index, t_s, luma, bgr, tuple(chroma))
 
 
-def _luma(picture: VideoFrame) -> Image:
-    if picture.format.name not in LUMA_FIRST:
-        picture = picture.reformat(format="gray")
-    plane = picture.planes[0]
+def _plane(picture: VideoFrame, number: int, samples: int = 1) -> Image:
+    """Return a plane where it lies, with so many samples side by side in each pixel."""
+    plane = picture.planes[number]
     rows = np.frombuffer(memoryview(plane), np.uint8).reshape(-1, plane.line_size)
-    return rows[: picture.height, : picture.width]
+    return rows[: plane.height, : samples * plane.width]
+
+
+def _chroma(picture: VideoFrame) -> tuple[Image, ...]:
+    """Return the two colour planes where they lie, none of a grey picture."""
+    count = len(picture.planes)
+    if count == 1:
+        return ()
+    if count == 2:
+        both = _plane(picture, 1, samples=2)
+        return both[:, ::2], both[:, 1::2]
+    return _plane(picture, 1), _plane(picture, 2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import threading
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from fractions import Fraction
 from time import monotonic
@@ -268,4 +268,4 @@ def locked(frame: Frame) -> Frame:
         with lock:
             return convert(width_px, height_px)
 
-    return Frame(frame.index, frame.t_s, frame.luma, bgr)
+    return replace(frame, bgr=bgr)

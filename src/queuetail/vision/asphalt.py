@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from queuetail.types import Band, Bools, Image, Masks, RoadRaster
+from queuetail.vision.colour import RoadColour
 from queuetail.vision.shade import CastShade
 
 Picture = NDArray[np.float32]
@@ -51,6 +52,7 @@ class RoadBackground:
         self._is_noisy = False  # and then pictures are smoothed, as in poor light
         self._began_s = self._last_s = 0.0
         self._shade = CastShade()
+        self._colour = RoadColour()
 
     def apply(self, raster: RoadRaster, t_s: float, protect: Image) -> Masks:
         """Return what is not road in this frame.
@@ -70,6 +72,11 @@ class RoadBackground:
         foreign = cv2.compare(cv2.absdiff(difference, 0.0), self._threshold, cv2.CMP_GT)
         foreign &= cv2.compare(image, 0, cv2.CMP_GT)
         bright = cv2.compare(difference, self._threshold, cv2.CMP_GT)
+        coloured = self._colour.foreign(raster, self._lit, foreign, protect, t_s)
+        if coloured is not None:
+            coloured &= cv2.compare(image, 0, cv2.CMP_GT)
+            foreign |= coloured
+            bright |= coloured
         share = cv2.divide(image, self._lit, dtype=cv2.CV_32F)
         shade = self._shade.mask(share, cv2.bitwise_and(foreign, cv2.bitwise_not(bright)))
         self._learn(image, foreign, shade, protect, t_s)

@@ -50,6 +50,7 @@ class RoadView:
         self._serial = 0
         self._approaches: tuple[Approach, ...] = ()
         self._image = np.zeros((0, 0), np.uint8)
+        self._colour = np.zeros((2, 0, 0), np.uint8)
         self._bands: tuple[Band, ...] = ()
         self._shrinks: list[list[int]] = []  # of each band's tiles, at the last look
         self._checked_s = -np.inf
@@ -66,7 +67,7 @@ class RoadView:
             return RoadRaster(self._image, 1.0, (), self._serial, approaches, t_s=frame.t_s)
         for band, shrinks in zip(self._plan.bands, self._shrinks, strict=True):
             for tile, shrink in zip(band.tiles, shrinks, strict=True):
-                self._render_tile(frame.luma, mapping, band, tile, shrink)
+                self._render_tile(frame, mapping, band, tile, shrink)
         return RoadRaster(
             image=self._image,
             px_per_m=1.0 / self._plan.metres_per_px,
@@ -75,6 +76,7 @@ class RoadView:
             approaches=approaches,
             spans=self._spans(),
             t_s=frame.t_s,
+            colour=self._colour if frame.chroma else None,
         )
 
     def cover(self, footprints: Sequence[Footprint]) -> Image:
@@ -200,6 +202,7 @@ class RoadView:
             self._serial += 1
             shape = (plan.rows, plan.columns) if plan else (0, 0)
             self._image = np.zeros(shape, np.uint8)
+            self._colour = np.zeros((2, *((n + 1) // 2 for n in shape)), np.uint8)
         camera = camera_above_ground(mapping)
         self._height_m = camera[1]
         strips = self._plan.bands if self._plan else ()
@@ -207,26 +210,22 @@ class RoadView:
         self._shrinks = [[_shrink(mapping, b, tile) for tile in b.tiles] for b in strips]
 
     def _render_tile(
-        self, luma: Image, mapping: GroundMapping, band: StripBand, tile: Tile, shrink: int
+        self, frame: Frame, mapping: GroundMapping, band: StripBand, tile: Tile, shrink: int
     ) -> None:
-        rows = slice(band.first_row, band.first_row + band.rows)
-        columns = slice(tile.first_column, tile.first_column + tile.columns)
+        """Draw the tile's part of the raster, and of its colour at half the size."""
+        left, right = tile.first_column, tile.first_column + tile.columns
+        top, bottom = band.first_row, band.first_row + band.rows
         H_px_tile = _tile_to_px(mapping, band, tile)
-        left, top, right, bottom = _source_window(H_px_tile, tile.columns, band.rows, luma.shape)
-        if right - left < 2 or bottom - top < 2:
-            self._image[rows, columns] = 0
-            return
-        source = luma[top:bottom, left:right]
-        if shrink > 1:
-            # Averaging first keeps fine texture of a large picture from turning into noise.
-            height, width = (max(n // shrink, 1) for n in source.shape)
-            source = source[: height * shrink, : width * shrink]
-            source = cv2.resize(source, (width, height), interpolation=cv2.INTER_AREA)
-        to_window = np.array([[1 / shrink, 0, -left / shrink], [0, 1 / shrink, -top / shrink]])
-        M = _centred(np.vstack([to_window, [0, 0, 1]]) @ H_px_tile)
-        self._image[rows, columns] = cv2.warpPerspective(
-            source, M, (tile.columns, band.rows), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        )
+        size = (right - left, bottom - top)
+        self._image[top:bottom, left:right] = _warped(frame.luma, H_px_tile, size, shrink)
+        # Half pixels that two tiles or bands share go to the later one.
+        H_tile_half = np.array([[2.0, 0, -(left % 2)], [0, 2.0, -(top % 2)], [0, 0, 1]])
+        left, right, top, bottom = left // 2, (right + 1) // 2, top // 2, (bottom + 1) // 2
+        size = (right - left, bottom - top)
+        for plane, colour in zip(frame.chroma, self._colour, strict=False):
+            across, down = np.array(plane.shape[::-1]) / frame.size
+            H = np.diag([across, down, 1.0]) @ H_px_tile @ H_tile_half
+            colour[top:bottom, left:right] = _warped(plane, H, size, shrink)
 
 
 def _corners(width: int, height: int) -> Floats:
@@ -304,6 +303,23 @@ def _source_window(
         int(np.clip(high[0], 0, shape[1])),
         int(np.clip(high[1], 0, shape[0])),
     )
+
+
+def _warped(plane: Image, H_px_tile: Floats, size: tuple[int, int], shrink: int) -> Image | int:
+    """Return what a picture's plane shows of a tile of `size` (columns, rows); 0 for nothing."""
+    left, top, right, bottom = _source_window(H_px_tile, *size, plane.shape)
+    if right - left < 2 or bottom - top < 2:
+        return 0
+    source = plane[top:bottom, left:right]
+    if shrink > 1:
+        # Averaging first keeps fine texture of a large picture from turning into noise.
+        height, width = (max(n // shrink, 1) for n in source.shape)
+        source = source[: height * shrink, : width * shrink]
+        source = cv2.resize(source, (width, height), interpolation=cv2.INTER_AREA)
+    to_window = np.array([[1 / shrink, 0, -left / shrink], [0, 1 / shrink, -top / shrink]])
+    M = _centred(np.vstack([to_window, [0, 0, 1]]) @ H_px_tile)
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpPerspective(source, M, size, flags=flags), np.uint8)
 
 
 def _tile_to_px(mapping: GroundMapping, band: StripBand, tile: Tile) -> Floats:
