@@ -17,6 +17,7 @@ import numpy as np
 from queuetail.config import read_site
 from queuetail.flight import Flight, open_flight
 from queuetail.live.clock_offset import OffsetEstimator
+from queuetail.pace import Pace
 from queuetail.presets import PRESETS
 from queuetail.telemetry.flightlog import FlightLog
 from queuetail.types import Registration
@@ -31,11 +32,10 @@ def registrations(folder: Path, flight: Flight) -> list[tuple[float, Registratio
     site = read_site(folder / "site.toml")
     size = flight.video.width_px, flight.video.height_px
     pipeline = PRESETS["road"](site, flight.origin, *size, lambda stage: None)
-    kept, done_s = [], -1.0
+    kept, pace = [], Pace(pipeline.longest_s)
     for frame in flight.frames():
-        if frame.t_s - done_s < pipeline.interval_s - 0.002:
+        if not pace.takes(frame.t_s):
             continue
-        done_s = frame.t_s
         seen = pipeline.step(frame, flight.telemetry_at(frame.t_s))
         kept.append((frame.t_s, seen.registration))
     return kept

@@ -37,8 +37,8 @@ from queuetail.config import read_site
 from queuetail.evaluate.eoq import tolerant_errors
 from queuetail.flight import open_flight
 from queuetail.live.recording import RecordedFrame, find_recording, read_recording
+from queuetail.pace import Pace
 from queuetail.presets import PRESETS
-from queuetail.run import CLOCK_SLACK_S
 from queuetail.types import Floats
 
 BAUD = 9600
@@ -193,11 +193,11 @@ def begun_later(clip: Path) -> list[Row]:
         size_px = flight.video.width_px, flight.video.height_px
         pipeline = PRESETS["road"](site, flight.origin, *size_px, lambda stage: None)
         frames = flight.frames()
-        done_s = next(frames).t_s
+        next(frames)
+        pace = Pace(pipeline.longest_s)
         for frame in frames:
-            if frame.t_s - done_s < pipeline.interval_s - CLOCK_SLACK_S and rows:
+            if not pace.takes(frame.t_s):
                 continue
-            done_s = frame.t_s
             state = pipeline.step(frame, flight.telemetry_at(frame.t_s)).states[0]
             station_m = math.nan if state.eoq is None else state.eoq.station_m
             rows.append(Row(frame.t_s, state.status, station_m))

@@ -7,6 +7,7 @@ report.  Prints the resident memory of the process every ten simulated minutes.
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,9 @@ import psutil
 
 from queuetail.config import read_site
 from queuetail.flight import open_flight
+from queuetail.pace import Pace
 from queuetail.presets import PRESETS
-from queuetail.types import Frame, Image
+from queuetail.types import Image
 
 FLAGGER = Path(__file__).resolve().parent.parent / "examples" / "flagger"
 EVERY_S = 600.0
@@ -39,12 +41,12 @@ def main() -> None:
     print("| simulated minutes | pictures | resident memory |\n|---|---|---|")
     while begun_s < until_s:
         with open_flight(FLAGGER / "flight.mp4", FLAGGER / "telemetry.csv", site) as flight:
-            last_s = 0.0
+            last_s, pace = 0.0, Pace(pipeline.longest_s)
             for frame in flight.frames():
-                if frame.t_s - last_s < pipeline.interval_s - 0.002:
+                if not pace.takes(frame.t_s):
                     continue
                 last_s = frame.t_s
-                now = Frame(steps, begun_s + last_s, frame.luma, no_colours)
+                now = replace(frame, index=steps, t_s=begun_s + last_s, bgr=no_colours)
                 pipeline.step(now, flight.telemetry_at(last_s))
                 steps += 1
                 if now.t_s >= told_s:

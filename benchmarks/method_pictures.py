@@ -21,6 +21,7 @@ import matplotlib.pyplot as plt  # the backend is chosen before it is loaded
 from queuetail.config import read_site
 from queuetail.flight import Flight, open_flight
 from queuetail.geo.ground import enu_to_px
+from queuetail.pace import Pace
 from queuetail.presets import PRESETS
 from queuetail.traffic.road import place
 from queuetail.types import (
@@ -87,8 +88,9 @@ def watch(flight_dir: Path) -> Stages:
         detector = Listening(pipeline.detector, "find")
         model: Any = pipeline.background  # its road in the present light is its own affair
         pipeline.view, pipeline.background, pipeline.detector = view, background, detector
+        pace = Pace(pipeline.longest_s)
         for frame in flight.frames():
-            if stages.times and frame.t_s - stages.times[-1] < pipeline.interval_s - 0.002:
+            if not pace.takes(frame.t_s):
                 continue
             seen = pipeline.step(frame, _said(flight, frame))
             eoq = seen.states[0].eoq

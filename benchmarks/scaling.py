@@ -17,6 +17,7 @@ import numpy as np
 
 from queuetail.config import read_site
 from queuetail.flight import Flight, open_flight
+from queuetail.pace import Pace
 from queuetail.presets import PRESETS
 from queuetail.sim.scenario import Scenario
 from queuetail.sim.simulate import simulate
@@ -61,8 +62,9 @@ def flight_with(vehicles: int, folder: Path) -> Path:
     return place
 
 
-def frames_of(flight: Flight) -> list[tuple[float, Image]]:
-    return [(f.t_s, f.luma.copy()) for f in flight.frames()]
+def frames_of(flight: Flight) -> list[tuple[float, list[Image]]]:
+    """Return the time and the planes of every picture."""
+    return [(f.t_s, [f.luma.copy(), *(c.copy() for c in f.chroma)]) for f in flight.frames()]
 
 
 def measure(place: Path, size: tuple[int, int]) -> tuple[dict[str, float], int]:
@@ -71,13 +73,19 @@ def measure(place: Path, size: tuple[int, int]) -> tuple[dict[str, float], int]:
     with open_flight(place / "flight.mp4", place / "telemetry.csv", site) as flight:
         shares = Shares()
         pipeline = PRESETS["road"](site, flight.origin, *size, shares.lap)
-        processed, followed, last_s = 0, 0, -1.0
-        for index, (t_s, luma) in enumerate(frames_of(flight)):
-            if t_s - last_s < pipeline.interval_s - 0.002:
+        processed, followed, pace = 0, 0, Pace(pipeline.longest_s)
+        for index, (t_s, planes) in enumerate(frames_of(flight)):
+            if not pace.takes(t_s):
                 continue
-            last_s = t_s
-            scaled = cv2.resize(luma, size, interpolation=cv2.INTER_LINEAR)
-            frame = Frame(index, t_s, scaled, lambda w, h: np.zeros((h, w, 3), np.uint8))
+            luma, *chroma = planes
+            half = (size[0] // 2, size[1] // 2)
+            frame = Frame(
+                index,
+                t_s,
+                cv2.resize(luma, size, interpolation=cv2.INTER_LINEAR),
+                lambda w, h: np.zeros((h, w, 3), np.uint8),
+                tuple(cv2.resize(c, half, interpolation=cv2.INTER_LINEAR) for c in chroma),
+            )
             shares.lap("")  # scaling is no stage
             shares.counting = t_s >= WARM_S
             seen = pipeline.step(frame, flight.telemetry_at(t_s))

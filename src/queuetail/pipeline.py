@@ -108,7 +108,7 @@ class Pipeline:
     tracker: Tracker
     queue: Queue
     lap: Callable[[str], None]
-    interval_s: float = 0.0  # frames that follow the last one sooner need not be processed
+    longest_s: float = 0.0  # that may pass between two frames that are processed; 0 wants all
 
     def step(self, frame: Frame, telemetry: TelemetrySample) -> Observation:
         """Take one frame and what telemetry said then; return all that they tell."""

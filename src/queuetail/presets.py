@@ -29,7 +29,8 @@ from queuetail.vision.lanes import LaneDetector
 from queuetail.vision.road_view import RoadView
 from queuetail.vision.view import WholeFrame
 
-ROAD_INTERVAL_S = 0.075  # every third picture of 30 a second, every second of 25, each of 10
+# Between two pictures: every fourth of 30 a second, every third of 25, each of 10.
+ROAD_LONGEST_S = 0.136
 
 Lap = Callable[[str], None]
 Build = Callable[[Site, Origin | None, int, int, Lap], Pipeline]
@@ -75,7 +76,7 @@ def road(site: Site, origin: Origin | None, width_px: int, height_px: int, lap: 
         tracker=LaneTracker(),
         queue=QueueWatch(site.queue_speed_mps),
         lap=lap,
-        interval_s=ROAD_INTERVAL_S,
+        longest_s=ROAD_LONGEST_S,
     )
 
 

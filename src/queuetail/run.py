@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import platform
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
@@ -24,6 +23,7 @@ from queuetail.flight import Flight, open_flight
 from queuetail.geo.earth import geodetic_from_enu
 from queuetail.interrupt import held_interrupts
 from queuetail.live.clock_offset import OffsetWatch
+from queuetail.pace import Pace
 from queuetail.pipeline import Pipeline
 from queuetail.presets import DEFAULT_PRESET, PRESETS
 from queuetail.sinks import RunInfo, Sink
@@ -32,8 +32,6 @@ from queuetail.site_writer import site_toml
 from queuetail.stopwatch import Stopwatch
 from queuetail.types import Approach, Frame, Observation, Origin, TelemetrySample
 from queuetail.video import VideoInfo
-
-CLOCK_SLACK_S = 0.002  # container clocks round to a millisecond
 
 Opened = Callable[[VideoInfo], None]
 Progress = Callable[[Observation], None]
@@ -126,7 +124,7 @@ class Footage(Protocol):
 class Stepper(Protocol):
     """A pipeline, or what stands for one."""
 
-    interval_s: float
+    longest_s: float
 
     def step(self, frame: Frame, telemetry: TelemetrySample) -> Observation: ...
 
@@ -139,15 +137,14 @@ def process(
     progress: Progress,
 ) -> tuple[int, float, bool]:
     """Drive every frame through the pipeline into the sinks; True at the end after Ctrl-C."""
-    frames, last_s, done_s = 0, 0.0, -math.inf
+    frames, last_s, pace = 0, 0.0, Pace(pipeline.longest_s)
     try:
         with held_interrupts() as asked:
             for frame in flight.frames():
                 watch.lap("decode")
                 last_s = frame.t_s
-                if frame.t_s - done_s < pipeline.interval_s - CLOCK_SLACK_S:
+                if not pace.takes(frame.t_s):
                     continue
-                done_s = frame.t_s
                 observation = pipeline.step(frame, flight.telemetry_at(frame.t_s))
                 for sink in sinks:
                     sink.write(frame, observation)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import io
-import math
 from collections.abc import Callable, Iterable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -17,6 +16,7 @@ from queuetail.flight import open_flight
 from queuetail.live.outlet import StreamInfo
 from queuetail.live.recorder import Recorder
 from queuetail.live.records import Health, Published
+from queuetail.pace import Pace
 from queuetail.presets import PRESETS
 from queuetail.types import Observation
 from queuetail.video.capture import frame_of
@@ -42,7 +42,7 @@ def play(
     with open_flight(folder / "flight.mp4", folder / "telemetry.csv", site) as flight:
         size = flight.video.width_px, flight.video.height_px
         pipeline = PRESETS["road"](site, flight.origin, *size, lambda stage: None)
-        began_s, done_s = monotonic(), -math.inf
+        began_s, pace = monotonic(), Pace(pipeline.longest_s)
         breaks, session, index = sorted(session_at_s), 0, 0
         begins: list[float] = []  # the picture times at which sessions begin
         with av.open(str(folder / "flight.mp4")) as container:
@@ -66,9 +66,8 @@ def play(
                 recorder.packet(packet, info, START_UTC + timedelta(seconds=sent_s))
                 for picture in pictures:
                     t_s = float(picture.time or 0.0)
-                    if t_s - done_s < pipeline.interval_s - 0.002:
+                    if not pace.takes(t_s):
                         continue
-                    done_s = t_s
                     of_session = sum(t_s >= begin for begin in begins)
                     frame = frame_of(index, t_s, picture, 0)
                     index += 1

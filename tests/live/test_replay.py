@@ -17,6 +17,7 @@ from queuetail.live.processing import NO_PLACE
 from queuetail.live.recording import find_recording, read_recording
 from queuetail.live.replay import first_difference, replay, summary
 from queuetail.live.segments import segment_paths
+from queuetail.presets import ROAD_LONGEST_S
 from queuetail.types import Observation
 
 Recorded = tuple[Path, list[Observation]]
@@ -89,7 +90,7 @@ def test_the_first_difference_and_the_largest_are_named(recorded: Recorded, tmp_
     result = replay(folder)
     assert not result.is_same
     assert result.comparison.first is not None
-    assert 2.0 < result.comparison.first.t_s <= 2.1
+    assert 2.0 < result.comparison.first.t_s < 2.0 + ROAD_LONGEST_S
     assert result.comparison.differing == sum(o.t_s > 2.0 for o in recorded[1])
 
 

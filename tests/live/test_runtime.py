@@ -71,8 +71,9 @@ class Seen:
 class FakePipeline:
     """Answers "clear" after `step` has done what it likes."""
 
-    def __init__(self, step: Callable[[Frame], None], interval_s: float = 0.0) -> None:
-        self.interval_s = interval_s
+    longest_s = 0.0
+
+    def __init__(self, step: Callable[[Frame], None]) -> None:
         self._step = step
 
     def step(self, frame: Frame, telemetry: TelemetrySample) -> Observation:

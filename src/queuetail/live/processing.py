@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from threading import Event, Lock, Thread
@@ -16,6 +15,7 @@ from queuetail.live.blind import blind_observation, disbelieved
 from queuetail.live.feed import TelemetryFeed
 from queuetail.live.mailbox import Mailbox
 from queuetail.mapping import site_origin
+from queuetail.pace import Pace
 from queuetail.pipeline import Pipeline
 from queuetail.presets import Build
 from queuetail.types import Approach, Observation, Origin, TelemetrySample
@@ -23,7 +23,6 @@ from queuetail.video.stream_session import Captured
 
 LOG = logging.getLogger(__name__)
 
-CLOCK_SLACK_S = 0.002  # as for recordings: container clocks round to a millisecond
 POLL_S = 0.25
 STALE_S = 1.0  # an answer to an older picture is not given
 ELSEWHERE_M = 20_000.0  # from the site's road: no drone sees so far
@@ -59,7 +58,7 @@ class Processor:
         self._names = tuple(a.name for a in site.approach)
         self._pipeline: Pipeline | None = None
         self._size = (0, 0)
-        self._done_s = -math.inf
+        self._pace = Pace(0.0)  # all pictures, until there is something that looks at them
         self._lock = Lock()
         self._busy_since_s: float | None = None
         self._approaches: tuple[Approach, ...] = ()
@@ -103,7 +102,7 @@ class Processor:
     def _work(self) -> None:
         while not self._closing.is_set():
             captured = self._frames.take(POLL_S)
-            if captured is None or self._is_too_soon(captured):
+            if captured is None or not self._pace.takes(captured.frame.t_s):
                 continue
             with self._lock:
                 self._busy_since_s = monotonic()
@@ -120,13 +119,8 @@ class Processor:
                 with self._lock:
                     self._busy_since_s = None
 
-    def _is_too_soon(self, captured: Captured) -> bool:
-        interval_s = 0.0 if self._pipeline is None else self._pipeline.interval_s
-        return captured.frame.t_s - self._done_s < interval_s - CLOCK_SLACK_S
-
     def _look(self, captured: Captured) -> None:
         frame = captured.frame
-        self._done_s = frame.t_s
         self._take_settings()
         telemetry = self._feed.at(captured)
         pipeline = self._ready(captured, telemetry)
@@ -165,6 +159,7 @@ class Processor:
         if self._pipeline is None or captured.frame.size != self._size:
             self._size = captured.frame.size
             self._pipeline = self._build(self._site, self._origin, *self._size, lambda stage: None)
+            self._pace = Pace(self._pipeline.longest_s)
         return self._pipeline
 
 

@@ -153,7 +153,7 @@ def replay(
 class ReplayedRun:
     """What a live run does around its pipeline: it waits for a place, begins anew, doubts."""
 
-    interval_s = 0.0  # which frames were looked at is part of the recording
+    longest_s = 0.0  # which frames were looked at is part of the recording
 
     def __init__(self, recording: Recording, preset: str, lap: Callable[[str], None]) -> None:
         self._site, self._preset, self._lap = recording.site, preset, lap
