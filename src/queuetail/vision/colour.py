@@ -17,7 +17,7 @@ from queuetail.types import Bools, Image, RoadRaster
 
 Picture = NDArray[np.float32]
 
-LEARN_EVERY_S, LEARN_S = 0.5, 6.0
+LEARN_EVERY_S, LEARN_S = 0.8, 6.0
 STILL_S, STILL_LEVELS = 4.0, 6.0  # for what has another colour, but is no vehicle
 # What differs from road does so by this share of its brightness, within these levels of chroma,
 SHARE, LEAST, MOST_NEEDED = 0.13, 5.0, 12.0
@@ -27,7 +27,7 @@ GROW = np.ones((5, 9), np.uint8)  # vehicles are kept out of learning with this 
 BLUR = np.ones((3, 5), np.uint8)  # how far compression carries a colour
 SPECK = np.ones((1, 3), np.uint8)  # what is shorter is none
 MOST = 0.25  # of the picture in another colour than before: it is the camera that changed
-ENOUGH = 50  # pixels of bare road to learn from
+ENOUGH, SAMPLE = 50, 5  # pixels of bare road that tell tint and noise: every fifth
 GREY = 128.0
 
 
@@ -41,6 +41,7 @@ class RoadColour:
         self._before = np.zeros((2, 0, 0), np.uint8)
         self._still_s = np.zeros((0, 0), np.float32)  # for how long each colour has not changed
         self._noise = 1.5
+        self._limit = np.zeros((0, 0), np.uint8)  # of what differs, for it to be no road
         self._learnt_s = -math.inf
 
     def foreign(
@@ -61,12 +62,11 @@ class RoadColour:
             self._before, self._still_s = colour.copy(), np.zeros(colour.shape[1:], np.float32)
         if t_s - self._learnt_s >= LEARN_EVERY_S:
             self._learn(colour, differs, protect, t_s)
+            self._limit = self._least(_at_size(lit, colour))
         off = cv2.max(*(cv2.absdiff(c, e) for c, e in zip(colour, self._expected, strict=True)))
-        limit = cv2.convertScaleAbs(_at_size(lit, colour), alpha=SHARE)
-        noise = NOISE_SIGMAS * self._noise
-        limit = np.clip(limit, max(LEAST, noise), max(MOST_NEEDED, noise)).astype(np.uint8)
         # Where a colour is blurred, half of it is where its edge was.
-        limit = cv2.max(limit, cv2.convertScaleAbs(cv2.dilate(off, BLUR), alpha=0.5))
+        half = cv2.convertScaleAbs(cv2.dilate(off, BLUR), alpha=0.5)
+        limit = cv2.max(self._limit, half)
         foreign = cv2.bitwise_and(cv2.compare(off, limit, cv2.CMP_GT), _seen(colour))
         if cv2.countNonZero(foreign) > MOST * foreign.size:
             self._learnt_s = -math.inf
@@ -80,25 +80,30 @@ class RoadColour:
         """Take in the tint, the noise and the colours of bare road in this picture."""
         covered = cv2.dilate(_at_size(cv2.bitwise_or(differs, protect), colour), GROW)
         bare = cv2.bitwise_and(cv2.bitwise_not(covered), _seen(colour))
-        off = colour - self._road
-        sample = off[:, bare > 0]
+        sample = (colour - self._road)[:, bare > 0][:, ::SAMPLE]
         if sample.shape[1] < ENOUGH:
             return
         tint = np.median(sample, axis=1).astype(np.float32)
         away = np.abs(sample - tint[:, None]).max(axis=0)
         noise = LARGER_OF_TWO * float(np.median(away))
         self._noise += NOISE_RATE * (noise - self._noise)
-        off = np.abs(off - tint[:, None, None]).max(axis=0)
-        bare[off > max(MOST_NEEDED, NOISE_SIGMAS * self._noise)] = 0
         step_s = min(t_s - self._learnt_s, LEARN_EVERY_S)
         rate, self._learnt_s = 1.0 - math.exp(-step_s / LEARN_S), t_s
         stays = self._stays(colour, protect, step_s)
+        most = max(MOST_NEEDED, NOISE_SIGMAS * self._noise)
         for plane, road, shift in zip(colour, self._road, tint.tolist(), strict=True):
-            untinted = plane - np.float32(shift)
-            cv2.accumulateWeighted(untinted, road, rate, bare)
+            untinted = cv2.subtract(plane, (shift, 0.0, 0.0, 0.0), dtype=cv2.CV_32F)
+            alike = cv2.compare(cv2.absdiff(untinted, road), most, cv2.CMP_LT)
+            cv2.accumulateWeighted(untinted, road, rate, cv2.bitwise_and(bare, alike))
             np.copyto(road, untinted, where=stays)
         tinted = np.rint(self._road + tint[:, None, None])
         self._expected = np.clip(tinted, 0, 255).astype(np.uint8)
+
+    def _least(self, lit: Picture) -> Image:
+        """Return the levels by which each place differs at the least, for it to be no road."""
+        noise = NOISE_SIGMAS * self._noise
+        share = cv2.convertScaleAbs(lit, alpha=SHARE)
+        return np.clip(share, max(LEAST, noise), max(MOST_NEEDED, noise)).astype(np.uint8)
 
     def _stays(self, colour: Image, protect: Image, step_s: float) -> Bools:
         """Return what has not changed for long and is no known vehicle: paint, a parked car."""

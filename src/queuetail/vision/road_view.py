@@ -217,15 +217,18 @@ class RoadView:
         top, bottom = band.first_row, band.first_row + band.rows
         H_px_tile = _tile_to_px(mapping, band, tile)
         size = (right - left, bottom - top)
-        self._image[top:bottom, left:right] = _warped(frame.luma, H_px_tile, size, shrink)
+        (self._image[top:bottom, left:right],) = _warped((frame.luma,), H_px_tile, size, shrink)
+        if not frame.chroma:
+            return
         # Half pixels that two tiles or bands share go to the later one.
         H_tile_half = np.array([[2.0, 0, -(left % 2)], [0, 2.0, -(top % 2)], [0, 0, 1]])
         left, right, top, bottom = left // 2, (right + 1) // 2, top // 2, (bottom + 1) // 2
         size = (right - left, bottom - top)
-        for plane, colour in zip(frame.chroma, self._colour, strict=False):
-            across, down = np.array(plane.shape[::-1]) / frame.size
-            H = np.diag([across, down, 1.0]) @ H_px_tile @ H_tile_half
-            colour[top:bottom, left:right] = _warped(plane, H, size, shrink)
+        across, down = np.array(frame.chroma[0].shape[::-1]) / frame.size
+        H_chroma_half = np.diag([across, down, 1.0]) @ H_px_tile @ H_tile_half
+        warped = _warped(frame.chroma, H_chroma_half, size, shrink)
+        for colour, part in zip(self._colour, warped, strict=True):
+            colour[top:bottom, left:right] = part
 
 
 def _corners(width: int, height: int) -> Floats:
@@ -305,21 +308,26 @@ def _source_window(
     )
 
 
-def _warped(plane: Image, H_px_tile: Floats, size: tuple[int, int], shrink: int) -> Image | int:
-    """Return what a picture's plane shows of a tile of `size` (columns, rows); 0 for nothing."""
-    left, top, right, bottom = _source_window(H_px_tile, *size, plane.shape)
+def _warped(
+    planes: Sequence[Image], H_px_tile: Floats, size: tuple[int, int], shrink: int
+) -> list[Image]:
+    """Return what planes of one size show of a tile of `size` (columns, rows); 0 for nothing."""
+    left, top, right, bottom = _source_window(H_px_tile, *size, planes[0].shape)
     if right - left < 2 or bottom - top < 2:
-        return 0
-    source = plane[top:bottom, left:right]
-    if shrink > 1:
-        # Averaging first keeps fine texture of a large picture from turning into noise.
-        height, width = (max(n // shrink, 1) for n in source.shape)
-        source = source[: height * shrink, : width * shrink]
-        source = cv2.resize(source, (width, height), interpolation=cv2.INTER_AREA)
+        return [np.zeros(size[::-1], np.uint8) for _ in planes]
     to_window = np.array([[1 / shrink, 0, -left / shrink], [0, 1 / shrink, -top / shrink]])
     M = _centred(np.vstack([to_window, [0, 0, 1]]) @ H_px_tile)
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return np.asarray(cv2.warpPerspective(source, M, size, flags=flags), np.uint8)
+    warped = []
+    for plane in planes:
+        source = plane[top:bottom, left:right]
+        if shrink > 1:
+            # Averaging first keeps fine texture of a large picture from turning into noise.
+            height, width = (max(n // shrink, 1) for n in source.shape)
+            source = source[: height * shrink, : width * shrink]
+            source = cv2.resize(source, (width, height), interpolation=cv2.INTER_AREA)
+        warped.append(np.asarray(cv2.warpPerspective(source, M, size, flags=flags), np.uint8))
+    return warped
 
 
 def _tile_to_px(mapping: GroundMapping, band: StripBand, tile: Tile) -> Floats:
