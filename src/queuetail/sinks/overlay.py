@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from queuetail.geo.ground import enu_to_px
 from queuetail.sinks.labels import WHITE, Colour, Labels
 from queuetail.sinks.words import known_states, mph_words, place_words, status_words
-from queuetail.traffic.road import place
+from queuetail.traffic.road import length_m, place
 from queuetail.types import (
     Approach,
     Bools,
@@ -231,9 +231,9 @@ class Overlay:
 
 def axis_stations(approach: Approach, step_m: float) -> Floats:
     """Return stations along the whole axis, `step_m` apart or farther on a very long one."""
-    length_m = float(np.hypot(*np.diff(approach.axis_enu, axis=0).T).sum())
-    count = min(max(int(length_m / step_m), 1), MAX_STATIONS) + 1
-    return np.linspace(0.0, length_m, count) + approach.start_station_m
+    end_m = length_m(approach)
+    count = min(max(int(end_m / step_m), 1), MAX_STATIONS) + 1
+    return np.linspace(0.0, end_m, count) + approach.start_station_m
 
 
 def road_edges_m(approach: Approach) -> Floats:

@@ -94,20 +94,19 @@ def mark_rows(vehicles: Sequence[LaneVehicle]) -> None:
     for standing in lanes.values():
         standing.sort(key=lambda v: v.rear_m)
         for behind, v, ahead in zip(standing, standing[1:], standing[2:], strict=False):
-            gaps_m = v.rear_m - behind.front_m, ahead.rear_m - v.front_m
             v.in_row |= (
                 v.only_shade
                 and v.hits >= ROW_HITS
                 and behind.confirmed
-                and CAR_M[0] < v.length_m < CAR_M[1]
-                and min(gaps_m) > LEAST_GAP_M
-                and max(gaps_m) < ROW_GAP_M
+                and _is_car_long(v.length_m)
+                and _is_row_gap(v.rear_m - behind.front_m)
+                and _is_row_gap(ahead.rear_m - v.front_m)
             )
 
 
 def stands_in_row(interval: Interval, vehicles: Sequence[LaneVehicle]) -> bool:
     """Tell whether something lies, as long as a car, between standing vehicles of its lane."""
-    if not CAR_M[0] < interval.front_m - interval.rear_m < CAR_M[1]:
+    if not _is_car_long(interval.front_m - interval.rear_m):
         return False
     standing = [
         v
@@ -116,9 +115,18 @@ def stands_in_row(interval: Interval, vehicles: Sequence[LaneVehicle]) -> bool:
         and v.confirmed
         and v.speed_mps < STANDING_MPS
     ]
-    behind = any(LEAST_GAP_M < interval.rear_m - v.front_m < ROW_GAP_M for v in standing)
-    ahead = any(LEAST_GAP_M < v.rear_m - interval.front_m < ROW_GAP_M for v in standing)
+    behind = any(_is_row_gap(interval.rear_m - v.front_m) for v in standing)
+    ahead = any(_is_row_gap(v.rear_m - interval.front_m) for v in standing)
     return behind and ahead
+
+
+def _is_car_long(length_m: float) -> bool:
+    return CAR_M[0] < length_m < CAR_M[1]
+
+
+def _is_row_gap(gap_m: float) -> bool:
+    """Tell whether vehicles that stand in one row are so far apart."""
+    return LEAST_GAP_M < gap_m < ROW_GAP_M
 
 
 def _follows_too_closely(behind: LaneVehicle, ahead: LaneVehicle) -> bool:

@@ -70,11 +70,12 @@ class RoadBackground:
         self._light(image, protect)
         difference = cv2.subtract(image, self._lit, dtype=cv2.CV_32F)
         foreign = cv2.compare(cv2.absdiff(difference, 0.0), self._threshold, cv2.CMP_GT)
-        foreign &= cv2.compare(image, 0, cv2.CMP_GT)
+        seen = cv2.compare(image, 0, cv2.CMP_GT)
+        foreign &= seen
         bright = cv2.compare(difference, self._threshold, cv2.CMP_GT)
         coloured = self._colour.foreign(raster, self._lit, foreign, protect, t_s)
         if coloured is not None:
-            coloured &= cv2.compare(image, 0, cv2.CMP_GT)
+            coloured &= seen
             foreign |= coloured
             bright |= coloured
         share = cv2.divide(image, self._lit, dtype=cv2.CV_32F)

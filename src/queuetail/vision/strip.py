@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from queuetail.geo.ground import enu_to_px
-from queuetail.traffic.road import place
+from queuetail.traffic.road import length_m, place
 from queuetail.types import Approach, Bools, Floats, GroundMapping, Ints
 
 MARGIN_M = 2.5  # of shoulder beside the lanes: a sample of bare road at every station
@@ -126,8 +126,7 @@ def _visible_span(
     approach: Approach, mapping: GroundMapping, size: tuple[int, int]
 ) -> tuple[float, float] | None:
     """Return the longest stretch of stations that is in the picture and near enough."""
-    legs = np.linalg.norm(np.diff(approach.axis_enu, axis=0), axis=1)
-    stations = approach.start_station_m + np.arange(0.0, legs.sum() + GRID_M, GRID_M)
+    stations = approach.start_station_m + np.arange(0.0, length_m(approach) + GRID_M, GRID_M)
     middle = np.full(len(stations), -approach.lanes * approach.lane_width_m / 2)
     enu = place(approach, stations, middle)
     px = enu_to_px(mapping, enu)
