@@ -20,8 +20,8 @@ from av.video.stream import VideoStream
 from queuetail.errors import InputError
 from queuetail.types import Frame, Image
 
-# Formats of 8-bit planes, the first of them luma at full size and the others chroma, if any, so that
-# all can be used where they lie.
+# Formats of 8-bit planes, luma at full size first and then chroma, if any, so that they can be used
+# where they lie.
 LUMA_FIRST = {
     *("yuv420p", "yuvj420p", "yuv422p", "yuvj422p", "yuv444p", "yuvj444p", "yuv440p", "yuvj440p"),
     *("yuv411p", "yuv410p", "yuva420p", "yuva422p", "yuva444p", "nv12", "nv21", "nv16", "gray"),
