@@ -76,12 +76,16 @@ def test_a_misalignment_is_applied_once_and_the_road_is_laid_out_anew() -> None:
     found = alignment(1.5, 3.0)
     road._accept(found)
     assert px_to_enu(mapped(of), PX) == pytest.approx(found.apply(before), abs=1e-6)
+    assert mapped(of).H_true_enu == pytest.approx(found.H_true_enu)
     assert road.alignment is found
+    # The picture in hand was mapped without it; the next one is mapped with it.
+    assert road.approaches is approaches
+    luma = np.full((360, 640), 90, np.uint8)
+    road.look(Frame(0, 0.0, luma, lambda w, h: np.zeros((h, w, 3), np.uint8)), mapped(of), STILL)
     assert road.approaches is not approaches
     assert np.array_equal(road.approaches[0].axis_enu, approaches[0].axis_enu)
     # What is looked at afterwards changes nothing more.
-    luma = np.full((360, 640), 90, np.uint8)
-    for n in range(100):
+    for n in range(1, 100):
         frame = Frame(n, n / 2, luma, lambda w, h: np.zeros((h, w, 3), np.uint8))
         road.look(frame, mapped(of), STILL)
     assert px_to_enu(mapped(of), PX) == pytest.approx(found.apply(before), abs=1e-6)

@@ -132,6 +132,7 @@ class RegisteredMapper:
             H_enu_px=self._correction @ self._reference.H_enu_px,
             H_px_enu=self._reference.H_px_enu @ np.linalg.inv(self._correction),
             pose_sigma=scaled(self._reference.pose_sigma, self._misfit),
+            H_true_enu=self._correction,
         )
         frame_mapping = moved(reference, registration.H_ref_frame)
         return dataclasses.replace(frame_mapping, pose=pose)

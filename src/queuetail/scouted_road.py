@@ -38,6 +38,7 @@ class SiteRoad:
     ) -> None:
         self.approaches = approaches
         self.alignment: Alignment | None = None
+        self._moved: tuple[Approach, ...] | None = None  # from the next picture on
         self._mapper = mapper
         self._turned: tuple[str, ...] = ()
         self._watching, self._misfit = False, 0.0
@@ -46,6 +47,8 @@ class SiteRoad:
 
     def look(self, frame: Frame, mapping: GroundMapping, registration: Registration) -> None:
         """Watch lines and traffic until they show how the picture lies on the road."""
+        if self._moved is not None:
+            self.approaches, self._moved = self._moved, None
         if registration.epoch != self._epoch:
             self._begin(frame.t_s, registration.epoch)
         watched_s = frame.t_s - self._began_s
@@ -100,8 +103,9 @@ class SiteRoad:
         self._misfit = max(self._misfit, abs(found.rotation_deg), abs(found.shift_m) / 1.5)
         self._mapper.correct(None if small else found.H_true_enu, self._misfit)
         if not small:
-            # A new tuple: the raster is laid out anew, since every place in it has moved.
-            self.approaches = tuple(dataclasses.replace(a) for a in self.approaches)
+            # A new tuple: the raster is laid out anew, since every place in it has moved.  This
+            # picture's mapping does not know it yet, the next one's does.
+            self._moved = tuple(dataclasses.replace(a) for a in self.approaches)
 
 
 def _turned(approaches: tuple[Approach, ...], seen: LaneEvidence) -> tuple[str, ...]:

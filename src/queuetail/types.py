@@ -126,6 +126,7 @@ class GroundMapping:
     pose: CameraPose | None = None
     pose_sigma: PoseSigma = field(default_factory=PoseSigma)
     sigma_m: float = 0.0
+    H_true_enu: Floats = field(default_factory=lambda: np.eye(3))  # by which telemetry's were moved
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +185,7 @@ class RoadRaster:
     spans: dict[int, tuple[float, float]] = field(default_factory=dict)  # visible stations, metres
     t_s: float = 0.0  # of the frame that it shows
     colour: Image | None = None  # (2, rows / 2, columns / 2), rounded up: its chroma
+    H_true_enu: Floats = field(default_factory=lambda: np.eye(3))  # its mapping's
 
 
 @dataclass(frozen=True, slots=True)

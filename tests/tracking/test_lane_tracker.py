@@ -294,6 +294,21 @@ def test_the_shade_of_a_truck_beside_it_is_no_truck() -> None:
     assert [round(float(tracks.enu[i, 1]), 1) for i in confirmed(tracks)] == [-5.4]
 
 
+def test_a_shadow_that_drives_beside_its_caster_is_never_a_vehicle() -> None:
+    """It shows more than shade where it enters, and then goes as far as the car beside it."""
+    road = Road()
+    for n in range(60):
+        at = 20.0 + 2.5 * n
+        car, shadow = (1, at, at + 4.6), (2, at + 1.0, at + 5.6, 0.3, 0.3 if n < 2 else 0.0)
+        tracks = road.see(
+            car,
+            shadow,
+            flows=[(1, at, at + 5, 25.0), (2, at, at + 6, 25.0)],
+            shadows=[2] if n >= 2 else [],
+        )
+    assert len(confirmed(tracks)) == 1
+
+
 def test_a_dark_car_is_believed_between_standing_ones_only() -> None:
     """What is all shade may be a tree's; as long as a car, before and behind one, it is a car."""
     road = Road()

@@ -100,9 +100,12 @@ def asphalt(of: Band, seed: int = 0, level: float = 90.0, noise: float = 1.5) ->
 
 
 def seen(road: Image, rng: np.random.Generator, gain: float | Floats = 1.0) -> Image:
-    """Return one noisy picture of a road (with what stands on it), in some light."""
+    """Return one noisy picture of a road (with what stands on it), in some light.
+
+    Where the road is 0 the picture shows none of it.
+    """
     noisy = road * gain + rng.normal(0.0, 1.2, road.shape)
-    return np.clip(np.rint(noisy), 1, 255).astype(np.uint8)
+    return np.where(road > 0, np.clip(np.rint(noisy), 1, 255), 0).astype(np.uint8)
 
 
 def with_car(

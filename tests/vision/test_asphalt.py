@@ -197,6 +197,29 @@ def test_the_road_learnt_is_carried_over_to_a_new_layout() -> None:
     assert share(fresh, moved) > 0.6
 
 
+def test_rows_that_were_learnt_from_a_queue_are_learnt_anew_once_it_is_gone() -> None:
+    """Two lanes and their shoulders full of light trucks: nothing tells them from the road."""
+    film = Film()
+    queue_of_trucks = film.road.copy()
+    queue_of_trucks[8:54] = 170.0
+    film.show(queue_of_trucks, seconds=3.0)
+    assert (film.show().foreign[20:50] > 0).mean() > 0.9
+    masks = film.show(seconds=6.0)
+    assert (masks.foreign[20:50] > 0).mean() < 0.1
+
+
+def test_road_that_is_seen_bare_for_the_first_time_is_believed_at_once() -> None:
+    """Coarse asphalt under a queue: its grain is no vehicle, before and after it is learnt."""
+    film = Film()
+    grain = np.random.default_rng(5).normal(0.0, 9.0, film.road.shape)
+    film.road = (150.0 + grain).astype(np.float32)
+    truck = film.road.copy()
+    truck[car_box(OF, 1, 100, 300)] = 60.0
+    film.show(truck, seconds=2.0)
+    masks = film.show(seconds=1.0)
+    assert share(masks, car_box(OF, 1, 100, 300)) < 0.05
+
+
 def test_what_the_picture_does_not_show_is_not_foreign() -> None:
     film = Film()
     film.show(seconds=1.0)

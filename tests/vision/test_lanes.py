@@ -9,11 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rasters import PX_PER_M, band, car_box, masks_of, raster
 
-from queuetail.types import Band, Floats, Image, LaneDetections, Masks
+from queuetail.types import Band, Image, LaneDetections, Masks
 from queuetail.vision.lanes import (
     LEAN_HEIGHT_M,
     LaneDetector,
-    dark_ends,
     footprints,
 )
 from queuetail.vision.outlines import bridged, fill_outlines, silled
@@ -222,21 +221,6 @@ def test_without_sun_nothing_is_cut() -> None:
         foreign, shine = shadowed(200, True, shadow=0)
         found = detector.find(masks_of(foreign, shine), raster(foreign, ROAD))
         assert found.rear_column[0] == pytest.approx(200, abs=1)
-
-
-@pytest.mark.parametrize(
-    ("shine", "expected"),
-    [
-        ([1.0] * 20, (0.0, 0.0)),
-        ([0.0] * 5 + [1.0] * 15, (5.0, 0.0)),
-        ([1.0] * 15 + [0.0] * 5, (0.0, 5.0)),
-        ([0.0] * 20, None),
-        ([0.0] * 18 + [1.0] * 2, None),  # a lamp does not make a bright vehicle
-    ],
-)
-def test_dark_ends(shine: list[float], expected: tuple[float, float] | None) -> None:
-    array: Floats = np.array(shine)
-    assert dark_ends(array, 0.3, 0.3) == expected
 
 
 def test_cast_shade_on_the_next_lane_is_marked_and_shortens_nothing() -> None:

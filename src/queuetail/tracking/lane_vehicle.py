@@ -178,6 +178,8 @@ class LaneVehicle:
         self.contrast += CONTRAST_RATE * (interval.contrast - self.contrast)
         self.body += CONTRAST_RATE * (interval.body - self.body)
         self.hits += 1
+        if interval.shadow and not self.moved:
+            self.born_at_m, self.way_m = self.rear_m, 0.0  # beside its caster a shadow goes far
         if self.speed_mps > DRIVING_MPS:
             self.driving_contrast += CONTRAST_RATE * (interval.contrast - self.driving_contrast)
         if (interval.shadow and self.is_long_shade) or self.is_fainter_than_it_was:

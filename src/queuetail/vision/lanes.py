@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from statistics import median
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from queuetail.types import Band, Bools, Floats, Image, LaneDetections, Masks, RoadRaster
+from queuetail.vision.cast_shadows import BODY_SHARE, CastShadows, ShadowReach, dark_ends
 from queuetail.vision.flow import LaneFlow
+from queuetail.vision.lane_interval import MIN_LENGTH_M, Interval
 from queuetail.vision.occlusion import ROOF_M, LaneRows, lane_edge, lane_rows
 from queuetail.vision.outlines import (
     BRIDGE_M,
@@ -26,38 +26,13 @@ from queuetail.vision.outlines import (
 )
 
 MIN_COVER = 0.38  # of the core, for a column to belong to a vehicle
-MIN_LENGTH_M = 2.0
 LEAN_HEIGHT_M = 1.1  # bonnets and boots: what every vehicle stands above its footprint
-TALL_LENGTH_M = 6.5  # longer vehicles throw longer shadows
 OWN_SHADOW_M = 1.3  # of a known car's length at either end, which may be its shadow
 MOSTLY_PARTLY = 0.5  # of an interval's columns half hidden: its place across the lane is not told
 BRIGHT_COVER = 0.3  # of the core brighter than road, for a column that is surely not shadow
 BRIGHT_SHARE = 0.3  # of a vehicle's columns, for it to show where its cast shadow ends
-MEMORY = 40  # vehicles over which the cast shadow's length is taken
-MAX_SHADOW_M = 6.0
-UNEVEN_M = 2.5  # of dark end beyond the usual: another vehicle's shadow reaches it
 BODY_COVER = 0.25  # of the core more than shadow, for a column that shows a body
-BODY_SHARE = 0.25  # of a vehicle's columns, for it to show where its cast shadow ends
-ONLY_SHADE = 0.15  # of the columns: with less, all may be shadow
 MOST_TAKEN = 0.1  # by vehicles in a lane, of what is astride of two
-SHADOW_REACH_M, SHADOW_LANES = 4.0, 2  # along and across the road, from a body to its shadow
-
-
-@dataclass(slots=True)
-class Interval:
-    """Foreground along one lane, in raster columns and rows."""
-
-    band: int
-    lane: int
-    rear: float
-    front: float
-    row: float
-    cut: tuple[bool, bool]  # at the rear and front, by the end of what is seen
-    contrast: float
-    body: float
-    roof: bool = False
-    shadow: bool = False
-    astride: bool = False  # on the edge between its lane and the next
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +53,7 @@ class LaneDetector:
     """Finds intervals of foreground along every lane of a road-view raster."""
 
     def __init__(self) -> None:
-        self._shadows = CastShadows()
+        self._shadows, self._reach = CastShadows(), ShadowReach()
         self._flow = LaneFlow()
 
     def find(self, masks: Masks, raster: RoadRaster, low: tuple[Bools, ...] = ()) -> LaneDetections:
@@ -144,7 +119,7 @@ class LaneDetector:
         for lane, visible in enumerate(rows, 1):
             known = None if cars is None else cars[lane - 1]
             found += self._lane(number, band, lane, seen, visible, known, px_per_m)
-        mark_shadows(found, SHADOW_REACH_M * px_per_m)
+        self._reach.mark(found, len(rows), px_per_m)
         return found + self._astride(number, band, seen, rows, found, px_per_m)
 
     def _astride(
@@ -244,79 +219,6 @@ def _standing_columns(
     joined = bridged(closed, under_sill(seen.dark, middle, px_per_m), BRIDGE_M * px_per_m)
     line = sill_line(seen.dark, seen.bright, seen.silhouettes, band, middle, px_per_m)
     return silled(joined, line, px_per_m)
-
-
-class CastShadows:
-    """How far cast shadow lengthens vehicles at either end, learnt from bright vehicles.
-
-    The sun is the same for all: where a bright body begins well after its dark silhouette, the
-    difference is shadow, and dark vehicles, which hide it, have as much.
-    """
-
-    def __init__(self) -> None:
-        # Metres behind and ahead, of the last bright vehicles, for low and for tall ones.
-        self._ends_m: dict[bool, deque[tuple[float, float]]] = {
-            False: deque(maxlen=MEMORY),
-            True: deque(maxlen=MEMORY),
-        }
-        self._typical = {False: (0.0, 0.0), True: (0.0, 0.0)}
-
-    def without(
-        self,
-        ends: tuple[float, float],
-        dark: tuple[float, float] | None,
-        most: tuple[float, float] | None,
-        cut: tuple[bool, bool],
-        px_per_m: float,
-    ) -> tuple[float, float]:
-        """Return rear and front columns without shadow; `dark` is the dark length at each end.
-
-        `most` is how much of it no known car stands in.
-        """
-        rear, front = ends
-        tall = front - rear >= TALL_LENGTH_M * px_per_m
-        known = self._ends_m[tall]
-        if dark is not None and max(dark) < MAX_SHADOW_M * px_per_m and not any(cut):
-            known.append((dark[0] / px_per_m, dark[1] / px_per_m))
-            self._typical[tall] = _median_ends(known)
-        if len(known) < 3:
-            return ends
-        behind, ahead = (length_m * px_per_m for length_m in self._typical[tall])
-        if most is not None:
-            uneven = UNEVEN_M * px_per_m
-            behind = most[0] if most[0] > behind + uneven else behind
-            ahead = most[1] if most[1] > ahead + uneven else ahead
-        if front - rear - behind - ahead < MIN_LENGTH_M * px_per_m:
-            return ends
-        return rear + (0.0 if cut[0] else behind), front - (0.0 if cut[1] else ahead)
-
-
-def _median_ends(ends_m: Iterable[tuple[float, float]]) -> tuple[float, float]:
-    behind, ahead = zip(*ends_m, strict=True)
-    return median(behind), median(ahead)
-
-
-def dark_ends(shown: Floats, cover: float, share: float) -> tuple[float, float] | None:
-    """Return how many columns at each end of a vehicle show no body; None where too few do.
-
-    `shown` is each column's cover by what is surely no shadow.
-    """
-    body = np.flatnonzero(shown >= cover)
-    if len(body) < share * len(shown):
-        return None
-    return float(body[0]), float(len(shown) - 1 - body[-1])
-
-
-def mark_shadows(intervals: Sequence[Interval], reach: float) -> None:
-    """Mark the intervals of one band that show only shade, beside or near a body that casts it."""
-    bodies = [i for i in intervals if i.body >= BODY_SHARE]
-    for interval in intervals:
-        interval.shadow = interval.body < ONLY_SHADE and any(
-            0 < abs(caster.lane - interval.lane) <= SHADOW_LANES
-            and caster.rear < interval.front + reach
-            and caster.front > interval.rear - reach
-            for caster in bodies
-        )
 
 
 def footprints(solid: Image, lean_px: Floats) -> Image:

@@ -77,6 +77,7 @@ class RoadView:
             spans=self._spans(),
             t_s=frame.t_s,
             colour=self._colour if frame.chroma else None,
+            H_true_enu=mapping.H_true_enu,
         )
 
     def cover(self, footprints: Sequence[Footprint]) -> Image:
