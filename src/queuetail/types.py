@@ -214,6 +214,7 @@ class LaneDetections:
     shadow: Bools  # (n,) it is only the shadow of what is beside it
     roof: Bools  # (n,) it is only what shows beyond a tall vehicle: its ends are rough
     astride: Bools  # (n,) it lies on the edge between its lane and the next to the right
+    bodies: tuple[Floats, ...] = ()  # of each (k, 2): rears and fronts of what is no cast shadow
     speed_mps: tuple[Floats, ...] = ()  # of each band (lanes, columns): the picture's, NaN unknown
     hidden: tuple[Bools, ...] = ()  # of each band (lanes, columns): behind a tall vehicle
 
@@ -250,6 +251,7 @@ class RoadPoints:
     spans: dict[int, tuple[float, float]]
     boxes_px: Floats  # (n, 4) in input-video pixels
     sights: dict[tuple[int, int], LaneSight] = field(default_factory=dict)  # (approach, lane)
+    bodies: tuple[Floats, ...] = ()  # of each (k, 2): stations of what is no cast shadow
 
     def __len__(self) -> int:
         return len(self.approach)

@@ -13,6 +13,7 @@ from queuetail.types import Band, Image, LaneDetections, Masks
 from queuetail.vision.lanes import (
     LEAN_HEIGHT_M,
     LaneDetector,
+    body_runs,
     footprints,
 )
 from queuetail.vision.outlines import bridged, fill_outlines, silled
@@ -237,6 +238,35 @@ def test_cast_shade_on_the_next_lane_is_marked_and_shortens_nothing() -> None:
     assert found.lane[found.shadow].tolist() == [1]
     assert found.body[found.shadow].tolist() == [0.0]
     assert found.rear_column[~found.shadow] == pytest.approx([200], abs=2)
+
+
+def test_bodies_are_parted_where_only_shade_joins_them() -> None:
+    """Two cars whose shadows fill the gap between them make one interval with two bodies."""
+    foreign, shade = empty(), empty()
+    cars = (200, 235)
+    foreign[car_box(ROAD, 1, 190, 70)] = 255
+    shade[car_box(ROAD, 1, 190, 70)] = 255
+    for rear in cars:
+        shade[car_box(ROAD, 1, rear)] = 0
+    found = LaneDetector().find(masks_of(foreign, empty(), shade), raster(foreign, ROAD))
+    (bodies,) = found.bodies
+    assert bodies == pytest.approx(np.array([[200, 223], [235, 258]]), abs=1)
+
+
+@pytest.mark.parametrize(
+    ("gap_m", "runs"), [(0.4, [(20, 50)]), (1.6, [(20, 34), (42, 56)])], ids=["glass", "gap"]
+)
+def test_a_windscreen_parts_no_body(gap_m: float, runs: list[tuple[float, float]]) -> None:
+    gap = round(5.0 * gap_m)
+    body = np.zeros(60, np.bool_)
+    body[:14] = body[14 + gap : 28 + gap] = True
+    assert body_runs(body, 20, 5.0) == tuple(runs)
+
+
+def test_what_is_too_short_is_no_body() -> None:
+    body = np.zeros(60, np.bool_)
+    body[10:15] = True
+    assert body_runs(body, 0, 5.0) == ()
 
 
 def test_a_lone_dark_thing_is_not_marked_as_a_shadow() -> None:

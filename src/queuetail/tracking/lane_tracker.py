@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from queuetail.tracking.lane_correction import correct_many, correct_one, keep_behind
+from queuetail.tracking.lane_correction import correct_one, keep_behind
 from queuetail.tracking.lane_sight import flow_mps, follow_flow, is_hidden
 from queuetail.tracking.lane_tracks import carried_over, tracks_of
 from queuetail.tracking.lane_vehicle import (
@@ -31,6 +31,7 @@ from queuetail.tracking.lane_vehicle import (
     that_fit,
     without_doubles,
 )
+from queuetail.tracking.merged import correct_merged
 from queuetail.tracking.parts import joined_parts, mark_rows, merge_followers, stands_in_row
 from queuetail.types import (
     Approach,
@@ -133,7 +134,8 @@ class LaneTracker:
         vehicles = sorted(
             (v for v in self._vehicles if (v.approach, v.lane) == key), key=lambda v: v.rear_m
         )
-        unclaimed = []
+        unclaimed: list[Interval] = []
+        gone: list[LaneVehicle] = []
         intervals = joined_parts(vehicles, intervals)
         for interval in intervals:
             inside = claimants(interval, vehicles, intervals, sight, t_s)
@@ -142,7 +144,7 @@ class LaneTracker:
             elif len(inside) == 1:
                 unclaimed += correct_one(inside[0], interval, dt_s)
             else:
-                correct_many(inside, interval)
+                gone += correct_merged(inside, interval, dt_s)
             for vehicle in inside:
                 vehicle.take_in(interval, t_s)
         for vehicle in vehicles:
@@ -151,10 +153,8 @@ class LaneTracker:
         for behind, ahead in pairwise(vehicles):
             if behind.confirmed and ahead.confirmed and behind.seen_s < t_s:
                 keep_behind(behind, ahead)
-        kept = merge_followers(vehicles, dt_s)
-        if len(kept) < len(vehicles):
-            gone = {id(v) for v in vehicles} - {id(v) for v in kept}
-            self._vehicles = [v for v in self._vehicles if id(v) not in gone]
+        gone += merge_followers([v for v in vehicles if v not in gone], dt_s)
+        self._vehicles = [v for v in self._vehicles if v not in gone]
         return unclaimed
 
     def _follow_astride(self, intervals: list[Interval], t_s: float, dt_s: float) -> None:
@@ -364,6 +364,7 @@ def _by_lane(points: RoadPoints) -> tuple[dict[tuple[int, int], list[Interval]],
         points.shadow.tolist(),
         points.roof.tolist(),
         points.astride.tolist(),
+        [tuple(map(tuple, b.tolist())) for b in points.bodies] or [()] * len(points),
         strict=True,
     )
     for row in rows:

@@ -52,7 +52,7 @@ class SeenEnds:
         self.rear_m, self.front_m, self.way_m = rear_m, front_m, 0.0
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class LaneVehicle:
     """One followed vehicle; stations in metres, covariance of (station, speed)."""
 
@@ -74,6 +74,7 @@ class LaneVehicle:
     whole_s: float = 0.0  # for how long its length was seen alike, at speed
     longer_s: float = 0.0
     follows_s: float = 0.0  # for how long it has been nearer to the one ahead than anybody drives
+    none_s: float = 0.0  # for how long it has been where only the bodies of others are
     apparition: bool = False  # came out of nothing in mid-view, and has not moved since
     mark: bool = False  # stands where others have driven through: a stain, until it moves
     in_row: bool = (
@@ -185,6 +186,17 @@ class LaneVehicle:
         if (interval.shadow and self.is_long_shade) or self.is_fainter_than_it_was:
             self.disbelieve()
 
+    def absorb(self, ahead: LaneVehicle) -> None:
+        """Take the vehicle ahead for its own front part; whoever was seen longer gives the id."""
+        self.length_m, self.length_known = ahead.front_m - self.rear_m, True
+        if ahead.hits > self.hits:
+            self.track_id, ahead.track_id = ahead.track_id, self.track_id
+        self.hits = max(self.hits, ahead.hits)
+        self.way_m = max(self.way_m, ahead.way_m)
+        self.body, self.contrast = max(self.body, ahead.body), max(self.contrast, ahead.contrast)
+        self.confirmed |= ahead.confirmed
+        self.apparition &= ahead.apparition
+
     def gate_m(self) -> float:
         return GATE_M + GATE_SIGMAS * float(np.sqrt(self.var_station))
 
@@ -205,6 +217,7 @@ class Interval:
     shadow: bool = False  # it is only the shadow of what is beside it
     roof: bool = False  # it is only what shows beyond a tall vehicle: its ends are rough
     astride: bool = False  # on the edge between its lane and the next to the right
+    bodies: tuple[tuple[float, float], ...] = ()  # stations of what in it is no cast shadow
     joined: bool = False  # of parts of one vehicle, its rear and its front among them
 
 

@@ -47,6 +47,7 @@ def joined_parts(vehicles: Sequence[LaneVehicle], intervals: list[Interval]) -> 
                 body=max(last.body, interval.body),
                 shadow=last.shadow and interval.shadow,
                 roof=last.roof and interval.roof,
+                bodies=(),
                 joined=True,
             )
         else:
@@ -55,31 +56,23 @@ def joined_parts(vehicles: Sequence[LaneVehicle], intervals: list[Interval]) -> 
     return joined
 
 
-def merge_followers(vehicles: list[LaneVehicle], dt_s: float) -> list[LaneVehicle]:
-    """Make one of two parts of a lane, sorted by station, that drive as no two vehicles do."""
-    gone: set[int] = set()
+def merge_followers(vehicles: Sequence[LaneVehicle], dt_s: float) -> list[LaneVehicle]:
+    """Make one of two parts of a lane, sorted by station, that drive as no two vehicles do.
+
+    Returns those that are no more.
+    """
+    gone: list[LaneVehicle] = []
     for behind, ahead in pairwise(vehicles):
         if not _follows_too_closely(behind, ahead):
             behind.follows_s = 0.0
             continue
         behind.follows_s += dt_s
-        if behind.follows_s < FOLLOWING_FOR_S or behind.track_id in gone:
+        if behind.follows_s < FOLLOWING_FOR_S or behind in gone:
             continue
-        gone.add(ahead.track_id)
-        behind.length_m, behind.length_known = ahead.front_m - behind.rear_m, True
+        behind.absorb(ahead)
         behind.whole_s = SURE_S + FOLLOWING_FOR_S
-        if ahead.hits > behind.hits:
-            behind.track_id, ahead.track_id = ahead.track_id, behind.track_id
-            gone = (gone - {behind.track_id}) | {ahead.track_id}
-        behind.hits = max(behind.hits, ahead.hits)
-        behind.way_m = max(behind.way_m, ahead.way_m)
-        behind.body, behind.contrast = (
-            max(behind.body, ahead.body),
-            max(behind.contrast, ahead.contrast),
-        )
-        behind.confirmed |= ahead.confirmed
-        behind.apparition &= ahead.apparition
-    return [v for v in vehicles if v.track_id not in gone]
+        gone.append(ahead)
+    return gone
 
 
 def mark_rows(vehicles: Sequence[LaneVehicle]) -> None:

@@ -22,3 +22,4 @@ class Interval:
     roof: bool = False
     shadow: bool = False
     astride: bool = False  # on the edge between its lane and the next
+    bodies: tuple[tuple[float, float], ...] = ()  # rears and fronts of what is no cast shadow

@@ -32,6 +32,8 @@ MOSTLY_PARTLY = 0.5  # of an interval's columns half hidden: its place across th
 BRIGHT_COVER = 0.3  # of the core brighter than road, for a column that is surely not shadow
 BRIGHT_SHARE = 0.3  # of a vehicle's columns, for it to show where its cast shadow ends
 BODY_COVER = 0.25  # of the core more than shadow, for a column that shows a body
+MAY_BE_TWO_M = 6.5  # an interval that is longer may show two vehicles
+FINE_PX_PER_M, MOST_LEAN = 3.0, 0.35  # with less, or more lean along the road, no gaps show
 MOST_TAKEN = 0.1  # by vehicles in a lane, of what is astride of two
 
 
@@ -101,6 +103,7 @@ class LaneDetector:
             shadow=np.array([i.shadow for i in found], np.bool_),
             roof=np.array([i.roof for i in found], np.bool_),
             astride=np.array([i.astride for i in found], np.bool_),
+            bodies=tuple(np.array(i.bodies).reshape(-1, 2) for i in found),
             speed_mps=tuple(speeds),
             hidden=tuple(hidden),
         )
@@ -193,17 +196,44 @@ class LaneDetector:
             row = middle
             if roof:
                 # What shows is the roof, which appears farther along the road by its lean.
-                block = min(int(first / band.columns * len(band.lean_px)), len(band.lean_px) - 1)
-                lean = float(band.lean_px[block][0]) * (ROOF_M - LEAN_HEIGHT_M / 2)
+                lean = float(band.lean_px[_block(band, first)][0]) * (ROOF_M - LEAN_HEIGHT_M / 2)
                 ends = ends[0] - lean, ends[1] - lean
             else:
                 shown = seen.bodies if share >= BODY_SHARE else seen.standing
                 row = _middle_row(shown, band, middle, first, last)
             contrast = cv2.mean(seen.contrast[slice(*visible.core), first:last])[0]
-            found.append(
-                Interval(number, lane, *ends, row, cut, contrast, share, roof, astride=visible.edge)
-            )
+            interval = Interval(number, lane, *ends, row, cut, contrast, share, roof)
+            interval.astride = visible.edge
+            may_be_two = seen.shaded and last - first > MAY_BE_TWO_M * px_per_m
+            if may_be_two and not (roof or visible.edge) and _gaps_show(band, first, px_per_m):
+                body = visible.cover(seen.bodies)[first:last] >= 255 * BODY_COVER
+                interval.bodies = body_runs(body, first, px_per_m)
+            found.append(interval)
         return found
+
+
+def _gaps_show(band: Band, column: int, px_per_m: float) -> bool:
+    """Tell whether the camera sees the road between vehicles that stand in a row at a column."""
+    lean_m = abs(float(band.lean_px[_block(band, column)][0])) / px_per_m
+    return px_per_m >= FINE_PX_PER_M and lean_m < MOST_LEAN
+
+
+def _block(band: Band, column: int) -> int:
+    """Return in which block of equal lean a column lies."""
+    return min(int(column / band.columns * len(band.lean_px)), len(band.lean_px) - 1)
+
+
+def body_runs(body: Bools, first: int, px_per_m: float) -> tuple[tuple[float, float], ...]:
+    """Return the rears and fronts of the vehicles that columns (n,) from `first` on show.
+
+    A windscreen parts nothing; what is too short is no vehicle.
+    """
+    width = 2 * (max(round(CLOSE_M * px_per_m), 1) // 2) + 1
+    on = np.pad(body.astype(np.uint8), width)[None]
+    closed = cv2.morphologyEx(on, cv2.MORPH_CLOSE, np.ones((1, width), np.uint8))[0]
+    edges = np.flatnonzero(closed[1:] != closed[:-1]) + 1 - width + first
+    runs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+    return tuple((rear, front) for rear, front in runs if front - rear >= MIN_LENGTH_M * px_per_m)
 
 
 def _standing_columns(

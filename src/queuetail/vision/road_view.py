@@ -152,6 +152,9 @@ class RoadView:
             spans=raster.spans,
             boxes_px=_boxes_px(raster.approaches, index[band], rear, front, offset, mapping),
             sights=self._sights(detections),
+            bodies=tuple(
+                s + b * scale for s, b in zip(start[band], detections.bodies, strict=False)
+            ),
         )
 
     def _sights(self, detections: LaneDetections) -> dict[tuple[int, int], LaneSight]:
