@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from queuetail.tracking.driving_lines import DrivingLines
 from queuetail.tracking.lane_correction import correct_one, keep_behind
 from queuetail.tracking.lane_sight import flow_mps, follow_flow, is_hidden
 from queuetail.tracking.lane_tracks import carried_over, tracks_of
@@ -55,6 +56,7 @@ HIDDEN_S, HIDDEN_DRIVING_S = 60.0, 3.0  # behind a tall vehicle that stands, or 
 FLOW_FIRST_SIGMA_MPS = 1.0  # at the least, of a newcomer: it may be something else that moves there
 STAIN_CONTRAST, MIN_STANDING_M = 0.17, 2.8
 SHADE_HIDDEN_S = 3.0
+BACK_M = 2.0  # from where it was born
 ASTRIDE_SHARED = 0.6  # of the shorter, of a vehicle and what is seen between its lane and the next
 SAME_PLACE = 0.45  # overlap, as a share of the shorter, at which one drives through the other
 
@@ -67,6 +69,7 @@ class LaneTracker:
         self._next_id = 1
         self._driven: list[Interval] = []  # where standing things turned out to be no vehicles
         self._approaches: tuple[Approach, ...] = ()
+        self._lines = DrivingLines()
         self._last_s: float | None = None
         self._first_s: float | None = None
         self._tracks: Tracks | None = None
@@ -118,7 +121,7 @@ class LaneTracker:
         early = self._first_s is not None and scene.t_s - self._first_s < EARLY_S
         if early or not self._approaches:
             self._first_s = None
-        self._approaches, self._driven = approaches, []
+        self._approaches, self._driven, self._lines = approaches, [], DrivingLines()
         if self._tracks is not None:
             self._vehicles = carried_over(self._vehicles, self._tracks, approaches, scene.mapping)
 
@@ -287,17 +290,22 @@ class LaneTracker:
         """Confirm what was seen often enough and let go of what left or was lost."""
         kept = []
         mark_rows(self._vehicles)
+        self._lines.learn(self._vehicles, t_s)
         for v in self._vehicles:
             if v.hits <= CONFIRM_HITS:
                 v.born_at_m = v.rear_m  # until then it may slip along what it was first seen in
             elif v.speed_mps > STANDING_MPS:
-                v.way_m = max(v.way_m, v.rear_m - v.born_at_m)
+                if v.seen_s == t_s:  # what is only supposed to go on proves nothing
+                    v.way_m = max(v.way_m, v.rear_m - v.born_at_m)
+            elif v.rear_m - v.born_at_m < BACK_M:
+                v.way_m = 0.0  # who passed it seemed to take it along: no vehicle comes back
             if v.moved:
                 v.apparition = v.mark = False
             settled = v.var_speed < CONFIRM_SPEED_SIGMA_MPS**2 and v.hits >= CONFIRM_HITS
             wait_s = APPARITION_S if v.apparition else CONFIRM_S
-            settled &= v.moved or _looks_like_a_vehicle(v)
-            v.confirmed &= v.moved or _looks_like_a_vehicle(v, 0.75)
+            on_road = v.in_row or not self._lines.is_aside(v)
+            settled &= v.moved or (on_road and _looks_like_a_vehicle(v))
+            v.confirmed &= v.moved or (on_road and _looks_like_a_vehicle(v, 0.75))
             if settled and t_s - v.born_s >= wait_s and not v.mark:
                 v.confirmed = True
             begin_m, end_m = points.spans.get(v.approach, (-np.inf, np.inf))

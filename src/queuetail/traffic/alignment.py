@@ -28,6 +28,7 @@ from queuetail.types import Approach, Floats
 MIN_VEHICLES, MIN_MARKS = 4, 6  # of either one or the other
 MIN_AGREEING = 0.6  # of the vehicles that are on the road at all
 MIN_MARKS_AGREEING = 0.55  # the other carriageway and the shoulders have lines of their own
+MANY_VEHICLES, NEARLY_ALL = 12, 0.85  # of the vehicles
 MIN_WRONG_WAY = 3  # vehicles, for lines to lie on other lanes than they fit
 VEHICLE_AGREES, MARK_AGREES = 0.35, 0.12  # of a lane's width from where it belongs
 SHIFT_SIGMA_M, ROTATION_SIGMA_DEG, SCALE_SIGMA, TILT_SIGMA = 3.0, 2.0, 0.01, 0.012
@@ -150,7 +151,9 @@ def _is_believable(on_road: LaneEvidence, vehicles: int, marks: int) -> bool:
     enough = vehicles >= MIN_VEHICLES or marks >= MIN_MARKS
     most_vehicles = vehicles >= MIN_AGREEING * on_road.vehicles
     most_marks = shown < MIN_MARKS or marks >= MIN_MARKS_AGREEING * shown
-    return enough and most_vehicles and most_marks
+    # Lines of other roads and of repairs lie anywhere; so many vehicles in lanes are no chance.
+    surely = vehicles >= max(MANY_VEHICLES, NEARLY_ALL * on_road.vehicles)
+    return enough and most_vehicles and (most_marks or surely)
 
 
 def _is_wrong_way(approaches: Sequence[Approach], placed: LaneEvidence) -> bool:
