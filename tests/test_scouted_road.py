@@ -49,7 +49,7 @@ def mapped(of: RegisteredMapper) -> GroundMapping:
     return found
 
 
-def alignment(rotation_deg: float, shift_m: float) -> Alignment:
+def alignment(rotation_deg: float, shift_m: float, sigma_m: float = 0.15) -> Alignment:
     """Return the correction by a rotation about the origin and a shift to the north."""
     angle = np.radians(rotation_deg)
     c, s = np.cos(angle), np.sin(angle)
@@ -61,7 +61,7 @@ def alignment(rotation_deg: float, shift_m: float) -> Alignment:
         shift_m=shift_m,
         shift_sigma_m=0.1,
         move_m=abs(shift_m) + abs(angle) * 150.0,
-        move_sigma_m=0.15,
+        move_sigma_m=sigma_m,
         residual_m=0.3,
         vehicles=12,
         marks=20,
@@ -108,7 +108,7 @@ def test_after_a_cut_telemetry_may_be_off_by_something_else() -> None:
     luma = np.full((360, 640), 90, np.uint8)
     blank = Frame(0, 0.0, luma, lambda w, h: np.zeros((h, w, 3), np.uint8))
     road.look(blank, mapped(of), STILL)
-    road._accept(alignment(2.0, 0.0))
+    road._take(alignment(2.0, 0.0))
     assert not road._watching
     road.look(blank, mapped(of), STILL)
     assert not road._watching
@@ -117,6 +117,39 @@ def test_after_a_cut_telemetry_may_be_off_by_something_else() -> None:
     trusted = mapped(of).pose_sigma.yaw_deg
     road._accept(alignment(0.0, 0.1))
     assert mapped(of).pose_sigma.yaw_deg == trusted
+
+
+def test_a_rough_alignment_serves_until_a_sure_one_replaces_it() -> None:
+    of = mapper()
+    before = px_to_enu(mapped(of), PX)
+    road = SiteRoad((approach("NB"),), of)
+    road._begin(0.0, 0)
+    road._take(alignment(0.0, 1.0, sigma_m=0.55))  # by less than two sigmas: nothing is sure
+    assert road.alignment is None
+    rough, sure = alignment(0.0, 3.0, sigma_m=0.5), alignment(0.0, 2.2)
+    road._take(rough)
+    assert road._watching
+    assert px_to_enu(mapped(of), PX) == pytest.approx(rough.apply(before), abs=1e-6)
+    road._take(alignment(0.0, 5.0, sigma_m=0.5))  # one rough alignment is enough
+    assert px_to_enu(mapped(of), PX) == pytest.approx(rough.apply(before), abs=1e-6)
+    # Both are of telemetry's own places: the second is not laid on the first.
+    road._take(sure)
+    assert not road._watching
+    assert px_to_enu(mapped(of), PX) == pytest.approx(sure.apply(before), abs=1e-6)
+
+
+def test_a_sure_alignment_like_the_rough_one_changes_nothing() -> None:
+    of = mapper()
+    before = px_to_enu(mapped(of), PX)
+    road = SiteRoad((approach("NB"),), of)
+    road._begin(0.0, 0)
+    rough = alignment(0.0, 3.0, sigma_m=0.5)
+    road._take(rough)
+    path = np.column_stack([np.linspace(-120.0, 120.0, 75), np.full(75, -2.0)])
+    road._seen = gather([Trajectory(np.arange(75) * 0.2, path)] * 5, NO_MARKS)
+    road._take(alignment(0.0, 2.8))
+    assert not road._watching
+    assert px_to_enu(mapped(of), PX) == pytest.approx(rough.apply(before), abs=1e-6)
 
 
 def test_an_axis_drawn_against_the_traffic_is_told() -> None:

@@ -99,12 +99,13 @@ class RegisteredMapper:
         self._misfit = 1.0
 
     def correct(self, H_true_enu: Floats | None, misfit: float) -> None:
-        """Take ENU to be moved by a homography (3, 3), and scale telemetry's sigmas by `misfit`.
+        """Take telemetry's ENU to be moved by a homography (3, 3), None for as before.
 
-        How far telemetry was off where that could be seen says how far it may be where it cannot.
+        Its sigmas are scaled by `misfit`: how far telemetry was off where that could be seen says
+        how far it may be where it cannot.
         """
         if H_true_enu is not None:
-            self._correction = H_true_enu @ self._correction
+            self._correction = H_true_enu
         self._misfit = float(np.clip(misfit, *MISFIT_RANGE))
 
     def mapping(
@@ -151,6 +152,17 @@ class RegisteredMapper:
         self._reference = dataclasses.replace(
             fitted, intrinsics=told.intrinsics, pose=told.pose, pose_sigma=told.pose_sigma
         )
+
+
+def uncorrected(mapping: GroundMapping) -> GroundMapping:
+    """Return a mapping as telemetry alone tells it."""
+    H = mapping.H_true_enu
+    return dataclasses.replace(
+        mapping,
+        H_enu_px=np.linalg.inv(H) @ mapping.H_enu_px,
+        H_px_enu=mapping.H_px_enu @ H,
+        H_true_enu=np.eye(3),
+    )
 
 
 def scaled(sigma: PoseSigma, factor: float) -> PoseSigma:

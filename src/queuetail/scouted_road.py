@@ -6,10 +6,11 @@ import dataclasses
 
 import numpy as np
 
-from queuetail.mapping import SETTLE_S, FixedMapper, RegisteredMapper
-from queuetail.traffic.alignment import Alignment, Camera, align
+from queuetail.geo.ground import apply_homography
+from queuetail.mapping import SETTLE_S, FixedMapper, RegisteredMapper, uncorrected
+from queuetail.traffic.alignment import MOST, Alignment, Camera, align
 from queuetail.traffic.carriageways import discover
-from queuetail.traffic.lane_evidence import LaneEvidence, gather, ways
+from queuetail.traffic.lane_evidence import LaneEvidence, gather, turned, ways
 from queuetail.traffic.road import assign, length_m, locate
 from queuetail.types import Approach, Frame, GroundMapping, Registration, RoadVehicles, Tracks
 from queuetail.vision.foot import camera_above_ground
@@ -17,6 +18,7 @@ from queuetail.vision.lane_lines import LaneLines
 from queuetail.vision.scout import RoadScout
 
 SURE_M, SURE_OF = 0.35, 6  # sigma, and how many vehicles and marks agree
+ROUGH_M = 0.6  # sigma at which a road that lies two of them aside is moved, until one is sure
 TRY_EVERY_S = 1.0
 WATCH_S = 45.0  # of traffic, after which nothing new is learnt of the road
 REFINE_AFTER_S = (6.0, 20.0)  # after the road was first found
@@ -41,7 +43,9 @@ class SiteRoad:
         self._moved: tuple[Approach, ...] | None = None  # from the next picture on
         self._mapper = mapper
         self._turned: tuple[str, ...] = ()
-        self._watching, self._misfit = False, 0.0
+        self._watching, self._is_rough, self._misfit = False, False, 0.0
+        self._seen: LaneEvidence | None = None
+        self._H_true_enu = np.eye(3)
         self._epoch, self._began_s, self._tried_s = -1, 0.0, 0.0
         self._scout, self._lines = RoadScout(), LaneLines(approaches)
 
@@ -54,18 +58,19 @@ class SiteRoad:
         watched_s = frame.t_s - self._began_s
         if not self._watching or watched_s > WATCH_S:
             return
-        self._scout.update(frame.luma, mapping, registration.H_ref_frame, frame.t_s)
+        told = uncorrected(mapping)
+        self._scout.update(frame.luma, told, registration.H_ref_frame, frame.t_s)
         if watched_s > SETTLE_S:
-            self._lines.update(frame.luma, mapping, frame.t_s)
+            self._lines.update(frame.luma, told, frame.t_s)
         if frame.t_s - self._tried_s < TRY_EVERY_S:
             return
         self._tried_s = frame.t_s
-        seen = gather(self._scout.trajectories, self._lines.marks)
-        self._turned = _turned(self.approaches, seen)
-        camera = Camera(*camera_above_ground(mapping))
-        found = align(self.approaches, seen, camera, self._scout.doubt_m)
-        if found is not None and _is_sure(found):
-            self._accept(found)
+        self._seen = gather(self._scout.trajectories, self._lines.marks)
+        self._turned = _turned(self.approaches, self._seen)
+        camera = Camera(*camera_above_ground(told))
+        found = align(self.approaches, self._seen, camera, self._scout.doubt_m)
+        if found is not None:
+            self._take(found)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -91,21 +96,40 @@ class SiteRoad:
 
     def _begin(self, t_s: float, epoch: int) -> None:
         """Start to watch: after a cut telemetry may be off by something else."""
-        self._watching = isinstance(self._mapper, RegisteredMapper)
+        self._watching, self._is_rough = isinstance(self._mapper, RegisteredMapper), False
         self._epoch, self._began_s, self._tried_s = epoch, t_s, t_s
         self._scout, self._lines = RoadScout(), LaneLines(self.approaches)
 
+    def _take(self, found: Alignment) -> None:
+        """Use what was found once it is sure; before that once, where it surely is an advance."""
+        if _is_sure(found):
+            self._accept(found)
+            self._watching = False
+        elif not self._is_rough and _is_an_advance(found):
+            self._accept(found)
+            self._is_rough = True
+
     def _accept(self, found: Alignment) -> None:
+        """Correct the mapping by what was found, unless it is as good as that already."""
+        move_m = found.move_m if self.alignment is None else self._move_m(found)
+        small = move_m < max(MIN_MOVE_M, MIN_SIGMAS * found.move_sigma_m)
         self.alignment = found
-        self._watching = False
-        small = found.move_m < max(MIN_MOVE_M, MIN_SIGMAS * found.move_sigma_m)
         assert isinstance(self._mapper, RegisteredMapper)
         self._misfit = max(self._misfit, abs(found.rotation_deg), abs(found.shift_m) / 1.5)
         self._mapper.correct(None if small else found.H_true_enu, self._misfit)
         if not small:
+            self._H_true_enu = found.H_true_enu
             # A new tuple: the raster is laid out anew, since every place in it has moved.  This
             # picture's mapping does not know it yet, the next one's does.
             self._moved = tuple(dataclasses.replace(a) for a in self.approaches)
+
+    def _move_m(self, found: Alignment) -> float:
+        """Return how far across the road most of what is seen moves, from where it is put now."""
+        if self._seen is None or not len(self._seen):
+            return found.move_m
+        now = apply_homography(self._H_true_enu, self._seen.enu)
+        away = found.apply(self._seen.enu) - now
+        return float(np.quantile(np.abs((away * turned(self._seen.course)).sum(axis=1)), MOST))
 
 
 def _turned(approaches: tuple[Approach, ...], seen: LaneEvidence) -> tuple[str, ...]:
@@ -115,6 +139,12 @@ def _turned(approaches: tuple[Approach, ...], seen: LaneEvidence) -> tuple[str, 
         return ()
     named = zip(approaches, counts, strict=True)
     return tuple(a.name for a, (_, against) in named if against >= TURNED_BY)
+
+
+def _is_an_advance(found: Alignment) -> bool:
+    """Tell whether the lanes are surely not where telemetry puts them, though not yet where."""
+    enough = found.marks + found.vehicles >= SURE_OF and found.move_sigma_m < ROUGH_M
+    return enough and found.move_m > MIN_SIGMAS * found.move_sigma_m
 
 
 def _is_sure(found: Alignment) -> bool:

@@ -532,6 +532,29 @@ def test_a_standing_thing_that_others_drive_through_is_no_vehicle() -> None:
     assert confirmed(tracks) == []
 
 
+def test_what_stands_beside_where_all_drive_is_no_traffic() -> None:
+    """A car parked on the shoulder, while the site's lanes lie a little aside."""
+    road = Road()
+    for n in range(100):
+        at = (15.0 * 0.1 * n) % 250.0
+        road.see((2, at, at + 4.6), flows=[(2, at, at + 5.0, 15.0)])
+    road.tracker._lines._offset_m[0, 2] = (-4.0, 100)
+    road.t_s = 0.05 + road.t_s
+    stands: list[Seen] = [(2, 120.0, 124.6)]
+    for _ in range(90):
+        tracks = road.see(*stands, flows=[(2, 119.0, 126.0, 0.0)])
+    assert not any(abs(rear(tracks, i) - 120.0) < 2.0 for i in confirmed(tracks))
+
+
+def test_who_is_only_supposed_to_go_on_has_not_moved() -> None:
+    """A stain that seemed to drive when it was first seen, and was not seen again."""
+    road = Road()
+    for n in range(7):
+        road.see((1, 100.0 + 3.0 * n, 104.0 + 3.0 * n, 0.2, 0.05))
+    for _ in range(4):
+        assert confirmed(road.see(dt_s=0.08)) == []
+
+
 def test_another_road_starts_anew() -> None:
     road = Road()
     for step in range(20):

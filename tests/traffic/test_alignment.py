@@ -204,6 +204,20 @@ def test_lines_of_another_road_are_no_evidence() -> None:
     assert align([true], (), CAMERA, marks) is None
 
 
+def test_many_vehicles_in_their_lanes_outweigh_strange_lines() -> None:
+    """Ridges of gravel and repairs lie anywhere; that twenty drivers keep lanes is no chance."""
+    rng = np.random.default_rng(4)
+    true = road(lanes=2, course_deg=0.0)
+    offset = np.tile(np.arange(-9.6, 9.0, 2.7), 6)
+    station = np.repeat(np.arange(30.0, 210.0, 30.0), 7)
+    strange = place(true, station, offset + rng.normal(0.0, 0.4, len(offset)))
+    marks = LineMarks(strange, locate(true, strange)[2])
+    assert align([true], drive(true, rng, 6), CAMERA, marks) is None
+    found = align([true], drive(true, rng, 24), CAMERA, marks)
+    assert found is not None
+    assert abs(found.shift_m) < 0.5
+
+
 @settings(max_examples=15, deadline=None)
 @given(
     yaw_deg=st.floats(-2.0, 2.0),
