@@ -188,6 +188,9 @@ class RoadRaster:
     H_true_enu: Floats = field(default_factory=lambda: np.eye(3))  # its mapping's
 
 
+MOVED, MAYBE = 255, 128  # in a mask of known vehicles: has it moved, as only vehicles do?
+
+
 @dataclass(frozen=True, slots=True)
 class Masks:
     """What is not road (255), which of it is no shadow for certain, and which is cast shadow."""

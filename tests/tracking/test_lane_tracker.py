@@ -218,7 +218,7 @@ def test_a_braking_car_is_followed_into_its_stop_and_held_for_minutes() -> None:
     assert tracks.states[0] is TrackState.CONFIRMED
     assert tracks.velocity_mps[0, 0] == pytest.approx(0.0, abs=0.05)
     assert road.tracker.footprints() == [
-        (0, 1, pytest.approx(at, abs=0.2), pytest.approx(at + 4.6, abs=0.4), True)
+        (0, 1, pytest.approx(at, abs=0.2), pytest.approx(at + 4.6, abs=0.4), True, True)
     ]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rasters import asphalt, band, car_box, no_protection, raster, seen, with_car
 
-from queuetail.types import Band, Bools, Floats, Image, Masks, RoadRaster
+from queuetail.types import MAYBE, MOVED, Band, Bools, Floats, Image, Masks, RoadRaster
 from queuetail.vision.asphalt import RoadBackground
 from queuetail.vision.lanes import LaneDetector
 
@@ -117,6 +117,22 @@ def test_the_place_of_a_car_that_left_melts_within_two_seconds() -> None:
     film.show(like_road, seconds=20.0)
     masks = film.show(seconds=2.0)
     assert share(masks, car_box(OF, 1, 300)) < 0.25
+
+
+@pytest.mark.parametrize(("mark", "kept"), [(MOVED, True), (MAYBE, False)])
+def test_only_who_has_moved_may_look_like_the_road(mark: int, kept: bool) -> None:
+    """A van the colour of asphalt that stops, and a place that was taken for one."""
+    film = Film()
+    film.show(seconds=4.0)
+    van = film.road.copy()
+    box = car_box(OF, 1, 300, 30)
+    van[box] = 100.0
+    protect = np.where(around(OF, 1, 300) > 0, mark, 0).astype(np.uint8)
+    before = share(film.show(van, protect=protect), box)
+    for _ in range(80):
+        masks = film.show(van, protect=protect)
+    assert before > 0.3
+    assert (share(masks, box) > 0.5 * before) is kept
 
 
 def test_a_queue_of_the_first_picture_leaves_no_ghosts() -> None:

@@ -14,7 +14,7 @@ from rasters import STRAIGHT, arc, camera, frame, painted
 
 from queuetail.geo.ground import apply_homography, enu_to_px, px_to_enu
 from queuetail.traffic.road import locate, place
-from queuetail.types import Approach, Floats, Image, LaneDetections, RoadRaster
+from queuetail.types import MAYBE, MOVED, Approach, Floats, Image, LaneDetections, RoadRaster
 from queuetail.vision.road_view import RoadView
 from queuetail.vision.strip import SAGITTA_M, StripBand, plan_strip
 
@@ -210,7 +210,7 @@ def test_a_road_that_is_not_in_the_picture_gives_no_bands() -> None:
     assert found.spans == {}
     nothing = detections(np.empty(0), 0.0)
     assert len(view.locate(nothing, found, mapping)) == 0
-    assert view.cover([(0, 1, 10.0, 20.0)]).size == 0
+    assert view.cover([(0, 1, 10.0, 20.0, True, True)]).size == 0
 
 
 def test_a_cover_lies_over_its_vehicle_and_leans_away_from_the_camera() -> None:
@@ -219,7 +219,7 @@ def test_a_cover_lies_over_its_vehicle_and_leans_away_from_the_camera() -> None:
     view = RoadView()
     found = view.render(frame(np.full((720, 1280), 90, np.uint8)), mapping, north)
     middle_m = sum(found.spans[0]) / 2
-    cover = view.cover([(0, 2, middle_m, middle_m + 4.6, True)])
+    cover = view.cover([(0, 2, middle_m, middle_m + 4.6, True, True)])
     rows, columns = np.nonzero(cover)
     band = found.bands[0]
     first = (middle_m - found.spans[0][0]) * found.px_per_m + band.visible_columns[0]
@@ -227,15 +227,19 @@ def test_a_cover_lies_over_its_vehicle_and_leans_away_from_the_camera() -> None:
     assert columns.max() + 1 >= first + 4.6 * found.px_per_m - 1
     assert rows.min() <= band.lane_rows[1] <= rows.max()
     assert rows.min() < band.lane_rows[1] - 0.5 * band.lane_width_px  # away is to the left
-    elsewhere = [(0, 3, middle_m, middle_m + 4.6, True), (1, 1, 0.0, 9.0, True)]
+    elsewhere = [(0, 3, middle_m, middle_m + 4.6, True, True), (1, 1, 0.0, 9.0, True, True)]
     assert not view.cover(elsewhere).any()
+    assert cover.max() == MOVED
+    never_moved = (0, 2, middle_m, middle_m + 4.6, True, False)
+    assert np.unique(view.cover([never_moved])).tolist() == [0, MAYBE]
 
 
 def test_where_cars_are_is_said_lane_by_lane() -> None:
     view = RoadView()
     found = view.render(frame(np.full((720, 1280), 90, np.uint8)), camera(), (STRAIGHT,))
     middle_m = sum(found.spans[0]) / 2
-    car, truck = (0, 2, middle_m, middle_m + 4.6, True), (0, 1, middle_m, middle_m + 16.0, False)
-    (low,) = view.low([car, truck, (0, 3, middle_m, middle_m + 4.6, True)])
+    car = (0, 2, middle_m, middle_m + 4.6, True, True)
+    truck = (0, 1, middle_m, middle_m + 16.0, False, True)
+    (low,) = view.low([car, truck, (0, 3, middle_m, middle_m + 4.6, True, True)])
     assert not low[0].any()
     assert low[1].sum() == pytest.approx(4.6 * found.px_per_m, abs=2)

@@ -74,17 +74,17 @@ class LaneTracker:
         self._first_s: float | None = None
         self._tracks: Tracks | None = None
 
-    def footprints(self) -> list[tuple[int, int, float, float, bool]]:
+    def footprints(self) -> list[tuple[int, int, float, float, bool, bool]]:
         """Return every vehicle that the background must keep.
 
-        Each is (approach, lane, rear, front), and whether it is surely a car.
+        Each is (approach, lane, rear, front), whether it is surely a car, and whether it has moved.
         """
         kept = (
             v
             for v in self._vehicles
             if not (v.mark or v.only_shade) and (v.moved or _looks_like_a_vehicle(v, 0.75))
         )
-        return [(v.approach, v.lane, v.rear_m, v.front_m, v.is_car) for v in kept]
+        return [(v.approach, v.lane, v.rear_m, v.front_m, v.is_car, v.moved) for v in kept]
 
     def update(self, points: RoadPoints, scene: Scene) -> Tracks:
         """Move all vehicles to the frame's time, take in what was measured, return them all."""

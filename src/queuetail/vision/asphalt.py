@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from queuetail.types import Band, Image, Masks, RoadRaster
+from queuetail.types import MOVED, Band, Image, Masks, RoadRaster
 from queuetail.vision.carried_road import carried
 from queuetail.vision.colour import RoadColour
 from queuetail.vision.first_road import (
@@ -66,7 +66,7 @@ class RoadBackground:
     def apply(self, raster: RoadRaster, t_s: float, protect: Image) -> Masks:
         """Return what is not road in this frame.
 
-        `protect` marks pixels that belong to known vehicles (255): they are never learnt.
+        `protect` marks pixels that belong to known vehicles (MOVED, or MAYBE): they are not learnt.
         """
         image = raster.image
         if self._is_noisy and raster.bands:
@@ -77,6 +77,8 @@ class RoadBackground:
         if self._layout is None or self._layout.plan != raster.plan:
             self._start(raster, t_s)
         self._layout = raster
+        moved = cv2.compare(protect, MOVED, cv2.CMP_EQ)
+        protect = cv2.compare(protect, 0, cv2.CMP_GT)
         self._light(image, protect)
         difference = cv2.subtract(image, self._lit, dtype=cv2.CV_32F)
         foreign = cv2.compare(cv2.absdiff(difference, 0.0), self._threshold, cv2.CMP_GT)
@@ -90,7 +92,7 @@ class RoadBackground:
             bright |= coloured
         share = cv2.divide(image, self._lit, dtype=cv2.CV_32F)
         shade = self._shade.mask(share, cv2.bitwise_and(foreign, cv2.bitwise_not(bright)))
-        self._learn(image, foreign, shade, protect, t_s)
+        self._learn(image, foreign, shade, protect, moved, t_s)
         return Masks(foreign, bright, shade, cv2.absdiff(share, 1.0))
 
     def _start(self, raster: RoadRaster, t_s: float) -> None:
@@ -147,7 +149,13 @@ class RoadBackground:
             np.multiply(self._road[part], light, out=self._lit[part])
 
     def _learn(
-        self, image: Image, foreign: Image, shade: Image, protect: Image, t_s: float
+        self,
+        image: Image,
+        foreign: Image,
+        shade: Image,
+        protect: Image,
+        moved: Image,
+        t_s: float,
     ) -> None:
         dt_s, young = max(t_s - self._last_s, 0.0), t_s - self._began_s < YOUNG_S
         self._covered = cv2.dilate(cv2.bitwise_or(foreign, protect), self._grow)
@@ -168,7 +176,8 @@ class RoadBackground:
         if t_s - self._checked_s < CHECK_S and not young:
             return
         if t_s - self._checked_s >= CHECK_S:
-            self._accept_still(image, cv2.bitwise_and(foreign, seen), shade, protect, t_s)
+            foreign = cv2.bitwise_and(foreign, seen)
+            self._accept_still(image, foreign, shade, protect, moved, t_s)
         residual = cv2.absdiff(image.astype(np.float32), self._lit)[::6, ::6]
         calm = residual[free[::6, ::6] > 0]
         if len(calm) > 50:
@@ -177,13 +186,20 @@ class RoadBackground:
         self._refresh_threshold()
 
     def _accept_still(
-        self, image: Image, foreign: Image, shade: Image, protect: Image, t_s: float
+        self,
+        image: Image,
+        foreign: Image,
+        shade: Image,
+        protect: Image,
+        moved: Image,
+        t_s: float,
     ) -> None:
         """Take for road what differs and stands still, if it is no vehicle or only a ghost.
 
         Markings and stains that the first picture did not explain are learnt after a while.  A
         ghost, the place of a vehicle that was learnt and has left, shows the edges of a vehicle in
-        the road that was learnt and none in the picture; it is learnt at once.  A gantry's shadow
+        the road that was learnt and none in the picture; it is learnt at once, but for what
+        `moved` (255) there: a vehicle the colour of asphalt has no edges either.  A gantry's shadow
         is learnt in time, if it lay there from the first; a tree's sways, a vehicle's leaves.
         """
         still = cv2.compare(cv2.absdiff(image, self._before), STILL_LEVELS, cv2.CMP_LT)
@@ -200,7 +216,7 @@ class RoadBackground:
         stain = free & (unlike < np.minimum(STAIN_SHARE * plain, STAIN_TOLERANCE))
         self._relearn_rows(image, plain, t_s - checked_s)
         accepted = (self._still_s >= STILL_S) & stain | (self._still_s >= GHOST_S) & ghost
-        accepted &= (foreign > 0) & (shade == 0)
+        accepted &= (foreign > 0) & (shade == 0) & (moved == 0)
         accepted |= free & (shade > 0) & (self._bare == 0) & (self._still_s >= STILL_SHADE_S)
         for number, band in enumerate(self._bands):
             part = np.s_[band.rows[0] : band.rows[1], : band.columns]

@@ -10,6 +10,8 @@ import numpy as np
 from queuetail.geo.ground import apply_homography, enu_to_px
 from queuetail.traffic.road import place
 from queuetail.types import (
+    MAYBE,
+    MOVED,
     Approach,
     Band,
     Bools,
@@ -37,8 +39,9 @@ from queuetail.vision.strip import (
 RECHECK_S = 0.2  # how often it is looked at what the picture shows,
 HARDLY_PX, RECHECK_STILL_S = 3.0, 2.0  # but less often while it hardly moves
 LEAN_BLOCKS = 12  # along a band: the lean changes slowly
-# Of a followed vehicle: approach, lane, stations of its rear and front, whether it is surely a car.
-Footprint = tuple[int, int, float, float, bool]
+# Of a followed vehicle: approach, lane, stations of its rear and front, whether it is surely a car,
+# and whether it has moved.
+Footprint = tuple[int, int, float, float, bool, bool]
 CAR_HEIGHT_M, TRUCK_HEIGHT_M, TRUCK_LENGTH_M = 1.6, 4.0, 6.5
 
 
@@ -81,12 +84,12 @@ class RoadView:
         )
 
     def cover(self, footprints: Sequence[Footprint]) -> Image:
-        """Mask the raster (255) where vehicles are."""
+        """Mask the raster where vehicles are: MOVED, or MAYBE what has never moved."""
         mask = np.zeros_like(self._image)
         for strip, band in zip(self._plan.bands if self._plan else (), self._bands, strict=True):
             half = strip.approach.lane_width_m / 2 / strip.metres_per_px
             lean_px = band.lean_px.tolist()
-            for approach, lane, rear_m, front_m, _ in footprints:
+            for approach, lane, rear_m, front_m, _, moved in footprints:
                 if approach != strip.approach_index or lane > len(band.lane_rows):
                     continue
                 middle = band.lane_rows[lane - 1]
@@ -99,7 +102,8 @@ class RoadView:
                 bottom = min(int(middle + half + max(up, 0)) + 1, strip.rows)
                 left, right = int(first + min(across, 0)), int(last + max(across, 0)) + 1
                 rows = slice(strip.first_row + top, strip.first_row + max(bottom, top))
-                mask[rows, max(left, 0) : max(right, 0)] = 255
+                part = mask[rows, max(left, 0) : max(right, 0)]
+                np.maximum(part, MOVED if moved else MAYBE, out=part)
         return mask
 
     def low(self, footprints: Sequence[Footprint]) -> tuple[Bools, ...]:
@@ -107,7 +111,7 @@ class RoadView:
         lows = []
         for strip in self._plan.bands if self._plan else ():
             low = np.zeros((strip.approach.lanes, strip.columns), np.bool_)
-            for approach, lane, rear_m, front_m, is_car in footprints:
+            for approach, lane, rear_m, front_m, is_car, _ in footprints:
                 if is_car and approach == strip.approach_index and lane <= len(low):
                     first = (rear_m - strip.start_station_m) / strip.metres_per_px
                     last = (front_m - strip.start_station_m) / strip.metres_per_px
