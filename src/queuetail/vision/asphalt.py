@@ -46,6 +46,7 @@ PLAIN_TOLERANCE = 12.0  # grey levels from a row's road at which a pixel is road
 STAIN_TOLERANCE = 40.0  # grey levels from a row's road that a stain or patch may have,
 STAIN_SHARE = 0.3  # and no more than this share of the road's: at dusk cars differ by as little
 GRAIN, MOST_OF_ROW = 0.14, 0.6  # of brightness; of a row that shows one road
+EVERY = 4  # columns of a row that are looked at
 GROW_M = 1.2  # vehicles are kept out of learning with this margin
 
 
@@ -233,16 +234,21 @@ class RoadBackground:
             if end <= begin:
                 continue
             gain = self._gain[number, begin:end]
-            unlit = (image[rows, begin:end] / gain).astype(np.float32)
-            modes = row_counts(unlit[:, ::3]).argmax(axis=1).astype(np.float32)
-            alike = np.abs(unlit - modes[:, None]) < np.maximum(ALIKE, GRAIN * modes)[:, None]
+            some = (image[rows, begin:end:EVERY] / gain[::EVERY]).astype(np.float32)
+            modes = row_counts(some).argmax(axis=1).astype(np.float32)
+            tolerance = np.maximum(ALIKE, GRAIN * modes)[:, None]
             learnt = plain[rows, begin] / gain[0]
             other = np.abs(modes - learnt) > np.maximum(ALIKE, OTHER_ROAD * learnt)
-            other &= alike.mean(axis=1) > MOST_OF_ROW
+            other &= (np.abs(some - modes[:, None]) < tolerance).mean(axis=1) > MOST_OF_ROW
             waited_s = np.where(other, self._other_s[rows] + dt_s, 0.0)
-            anew = waited_s >= STILL_S
-            self._road[rows, begin:end][anew] = np.where(alike, unlit, modes[:, None])[anew]
-            self._other_s[rows] = np.where(anew, 0.0, waited_s)
+            anew = np.flatnonzero(waited_s >= STILL_S)
+            waited_s[anew] = 0.0
+            self._other_s[rows] = waited_s
+            if not len(anew):
+                continue
+            unlit = image[rows, begin:end][anew] / gain
+            alike = np.abs(unlit - modes[anew, None]) < tolerance[anew]
+            self._road[rows, begin:end][anew] = np.where(alike, unlit, modes[anew, None])
 
     def _plain(self) -> Picture:
         """Return the road as its rows' most common brightness says, in the present light."""
