@@ -95,7 +95,7 @@ class RegisteredMapper:
         self._count = 0
         self._places = np.zeros((4, 2))
         self._reference: GroundMapping | None = None
-        self._correction = np.eye(3)
+        self.H_true_enu = np.eye(3)
         self._misfit = 1.0
 
     def correct(self, H_true_enu: Floats | None, misfit: float) -> None:
@@ -105,7 +105,7 @@ class RegisteredMapper:
         how far it may be where it cannot.
         """
         if H_true_enu is not None:
-            self._correction = H_true_enu
+            self.H_true_enu = H_true_enu
         self._misfit = float(np.clip(misfit, *MISFIT_RANGE))
 
     def mapping(
@@ -130,10 +130,10 @@ class RegisteredMapper:
             pose = self._reference.pose
         reference = dataclasses.replace(
             self._reference,
-            H_enu_px=self._correction @ self._reference.H_enu_px,
-            H_px_enu=self._reference.H_px_enu @ np.linalg.inv(self._correction),
+            H_enu_px=self.H_true_enu @ self._reference.H_enu_px,
+            H_px_enu=self._reference.H_px_enu @ np.linalg.inv(self.H_true_enu),
             pose_sigma=scaled(self._reference.pose_sigma, self._misfit),
-            H_true_enu=self._correction,
+            H_true_enu=self.H_true_enu,
         )
         frame_mapping = moved(reference, registration.H_ref_frame)
         return dataclasses.replace(frame_mapping, pose=pose)

@@ -12,7 +12,15 @@ from queuetail.traffic.alignment import MOST, Alignment, Camera, align
 from queuetail.traffic.carriageways import discover
 from queuetail.traffic.lane_evidence import LaneEvidence, gather, turned, ways
 from queuetail.traffic.road import assign, length_m, locate
-from queuetail.types import Approach, Frame, GroundMapping, Registration, RoadVehicles, Tracks
+from queuetail.types import (
+    Approach,
+    Floats,
+    Frame,
+    GroundMapping,
+    Registration,
+    RoadVehicles,
+    Tracks,
+)
 from queuetail.vision.foot import camera_above_ground
 from queuetail.vision.lane_lines import LaneLines
 from queuetail.vision.scout import RoadScout
@@ -45,7 +53,6 @@ class SiteRoad:
         self._turned: tuple[str, ...] = ()
         self._watching, self._is_rough, self._misfit = False, False, 0.0
         self._seen: LaneEvidence | None = None
-        self._H_true_enu = np.eye(3)
         self._epoch, self._began_s, self._tried_s = -1, 0.0, 0.0
         self._scout, self._lines = RoadScout(), LaneLines(approaches)
 
@@ -111,23 +118,23 @@ class SiteRoad:
 
     def _accept(self, found: Alignment) -> None:
         """Correct the mapping by what was found, unless it is as good as that already."""
-        move_m = found.move_m if self.alignment is None else self._move_m(found)
+        assert isinstance(self._mapper, RegisteredMapper)
+        now = self._mapper.H_true_enu
+        move_m = found.move_m if self.alignment is None else self._move_m(found, now)
         small = move_m < max(MIN_MOVE_M, MIN_SIGMAS * found.move_sigma_m)
         self.alignment = found
-        assert isinstance(self._mapper, RegisteredMapper)
         self._misfit = max(self._misfit, abs(found.rotation_deg), abs(found.shift_m) / 1.5)
         self._mapper.correct(None if small else found.H_true_enu, self._misfit)
         if not small:
-            self._H_true_enu = found.H_true_enu
             # A new tuple: the raster is laid out anew, since every place in it has moved.  This
             # picture's mapping does not know it yet, the next one's does.
             self._moved = tuple(dataclasses.replace(a) for a in self.approaches)
 
-    def _move_m(self, found: Alignment) -> float:
+    def _move_m(self, found: Alignment, H_true_enu: Floats) -> float:
         """Return how far across the road most of what is seen moves, from where it is put now."""
         if self._seen is None or not len(self._seen):
             return found.move_m
-        now = apply_homography(self._H_true_enu, self._seen.enu)
+        now = apply_homography(H_true_enu, self._seen.enu)
         away = found.apply(self._seen.enu) - now
         return float(np.quantile(np.abs((away * turned(self._seen.course)).sum(axis=1)), MOST))
 

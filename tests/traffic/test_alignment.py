@@ -67,6 +67,16 @@ def paint(
     return LineMarks(enu, locate(approach, enu)[2])
 
 
+def strange_lines(
+    true: Approach, rng: np.random.Generator, offset_m: Floats, station_m: Floats, spread_m: float
+) -> LineMarks:
+    """Marks at all of some offsets and stations, which are nobody's lanes."""
+    offset = np.tile(offset_m, len(station_m))
+    station = np.repeat(station_m, len(offset_m))
+    strange = place(true, station, offset + rng.normal(0.0, spread_m, len(offset)))
+    return LineMarks(strange, locate(true, strange)[2])
+
+
 def lateral_after(true: Approach, marks: LineMarks, wrong: LineMarks, found: Alignment) -> Floats:
     """How far across the road corrected marks are from where they are painted."""
     fixed = found.apply(wrong.enu)
@@ -197,10 +207,7 @@ def test_lines_of_another_road_are_no_evidence() -> None:
     rng = np.random.default_rng(4)
     true = road(lanes=2, course_deg=0.0)
     # Nothing is painted where lanes have edges, at whatever shift: lines every 2.2 m.
-    offset = np.tile(np.arange(-6.6, 3.0, 2.2), 18)
-    station = np.repeat(np.arange(6.0, 222.0, 12.0), 5)
-    strange = place(true, station, offset + rng.normal(0.0, 0.1, len(offset)))
-    marks = LineMarks(strange, locate(true, strange)[2])
+    marks = strange_lines(true, rng, np.arange(-6.6, 3.0, 2.2), np.arange(6.0, 222.0, 12.0), 0.1)
     assert align([true], (), CAMERA, marks) is None
 
 
@@ -208,10 +215,7 @@ def test_many_vehicles_in_their_lanes_outweigh_strange_lines() -> None:
     """Ridges of gravel and repairs lie anywhere; that twenty drivers keep lanes is no chance."""
     rng = np.random.default_rng(4)
     true = road(lanes=2, course_deg=0.0)
-    offset = np.tile(np.arange(-9.6, 9.0, 2.7), 6)
-    station = np.repeat(np.arange(30.0, 210.0, 30.0), 7)
-    strange = place(true, station, offset + rng.normal(0.0, 0.4, len(offset)))
-    marks = LineMarks(strange, locate(true, strange)[2])
+    marks = strange_lines(true, rng, np.arange(-9.6, 9.0, 2.7), np.arange(30.0, 210.0, 30.0), 0.4)
     assert align([true], drive(true, rng, 6), CAMERA, marks) is None
     found = align([true], drive(true, rng, 24), CAMERA, marks)
     assert found is not None

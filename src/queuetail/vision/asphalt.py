@@ -8,11 +8,12 @@ road, so that clouds and exposure steps are not vehicles.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from queuetail.types import MOVED, Band, Image, Masks, RoadRaster
+from queuetail.types import MOVED, Band, Image, Masks, Picture, RoadRaster
 from queuetail.vision.carried_road import carried
 from queuetail.vision.colour import RoadColour
 from queuetail.vision.first_road import (
@@ -20,13 +21,11 @@ from queuetail.vision.first_road import (
     GRAIN_SIGMAS,
     OTHER_ROAD,
     first_road,
-    row_counts,
     row_modes,
 )
 from queuetail.vision.light import light_along
 from queuetail.vision.shade import CastShade
 
-Picture = NDArray[np.float32]
 Part = tuple[slice, slice]
 
 SETTLE_S = 0.6  # learning time while the model is young
@@ -48,6 +47,18 @@ STAIN_SHARE = 0.3  # and no more than this share of the road's: at dusk cars dif
 GRAIN, MOST_OF_ROW = 0.14, 0.6  # of brightness; of a row that shows one road
 EVERY = 4  # columns of a row that are looked at
 GROW_M = 1.2  # vehicles are kept out of learning with this margin
+
+
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """One picture, and what is known of its pixels; masks are 255 where it is so."""
+
+    image: Image
+    foreign: Image
+    shade: Image
+    known: Image  # it belongs to known vehicles,
+    protect: Image  # and these are MOVED, or MAYBE
+    t_s: float
 
 
 class RoadBackground:
@@ -78,22 +89,21 @@ class RoadBackground:
         if self._layout is None or self._layout.plan != raster.plan:
             self._start(raster, t_s)
         self._layout = raster
-        moved = cv2.compare(protect, MOVED, cv2.CMP_EQ)
-        protect = cv2.compare(protect, 0, cv2.CMP_GT)
-        self._light(image, protect)
+        known = cv2.compare(protect, 0, cv2.CMP_GT)
+        self._light(image, known)
         difference = cv2.subtract(image, self._lit, dtype=cv2.CV_32F)
         foreign = cv2.compare(cv2.absdiff(difference, 0.0), self._threshold, cv2.CMP_GT)
         seen = cv2.compare(image, 0, cv2.CMP_GT)
         foreign &= seen
         bright = cv2.compare(difference, self._threshold, cv2.CMP_GT)
-        coloured = self._colour.foreign(raster, self._lit, foreign, protect, t_s)
+        coloured = self._colour.foreign(raster, self._lit, foreign, known, t_s)
         if coloured is not None:
             coloured &= seen
             foreign |= coloured
             bright |= coloured
         share = cv2.divide(image, self._lit, dtype=cv2.CV_32F)
         shade = self._shade.mask(share, cv2.bitwise_and(foreign, cv2.bitwise_not(bright)))
-        self._learn(image, foreign, shade, protect, moved, t_s)
+        self._learn(_Look(image, foreign, shade, known, protect, t_s))
         return Masks(foreign, bright, shade, cv2.absdiff(share, 1.0))
 
     def _start(self, raster: RoadRaster, t_s: float) -> None:
@@ -139,9 +149,9 @@ class RoadBackground:
         self._covered[part][where] = 0
         self._bare[part][where] = 255
 
-    def _light(self, image: Image, protect: Image) -> None:
+    def _light(self, image: Image, known: Image) -> None:
         """Scale the road to the light of this picture, stretch by stretch."""
-        free = cv2.bitwise_not(cv2.bitwise_or(self._covered, protect))
+        free = cv2.bitwise_not(cv2.bitwise_or(self._covered, known))
         free &= cv2.compare(image, 0, cv2.CMP_GT)
         for number, band in enumerate(self._bands):
             part = np.s_[band.rows[0] : band.rows[1], : band.columns]
@@ -149,36 +159,30 @@ class RoadBackground:
             self._gain[number, : band.columns] = light
             np.multiply(self._road[part], light, out=self._lit[part])
 
-    def _learn(
-        self,
-        image: Image,
-        foreign: Image,
-        shade: Image,
-        protect: Image,
-        moved: Image,
-        t_s: float,
-    ) -> None:
+    def _learn(self, look: _Look) -> None:
+        image, t_s = look.image, look.t_s
         dt_s, young = max(t_s - self._last_s, 0.0), t_s - self._began_s < YOUNG_S
-        self._covered = cv2.dilate(cv2.bitwise_or(foreign, protect), self._grow)
+        self._covered = cv2.dilate(cv2.bitwise_or(look.foreign, look.known), self._grow)
         if dt_s < LEARN_EVERY_S and not young:
             return
         self._last_s = t_s
         seen = cv2.compare(image, 0, cv2.CMP_GT)
         free = cv2.bitwise_and(cv2.bitwise_not(self._covered), seen)
-        first = cv2.bitwise_and(free, cv2.bitwise_not(self._bare)) > 0
+        first = cv2.bitwise_and(free, cv2.bitwise_not(self._bare))
+        is_new = cv2.countNonZero(first) > 0
         cv2.bitwise_or(self._bare, free, dst=self._bare)
         rate = 1.0 - float(np.exp(-dt_s / (SETTLE_S if young else LEARN_S)))
         for number, band in enumerate(self._bands):
             part = np.s_[band.rows[0] : band.rows[1], : band.columns]
             unlit = image[part] / self._gain[number, : band.columns]
             unlit = unlit.astype(np.float32, copy=False)
-            np.copyto(self._road[part], unlit, where=first[part])
+            if is_new:
+                np.copyto(self._road[part], unlit, where=first[part] > 0)
             cv2.accumulateWeighted(unlit, self._road[part], rate, free[part])
         if t_s - self._checked_s < CHECK_S and not young:
             return
         if t_s - self._checked_s >= CHECK_S:
-            foreign = cv2.bitwise_and(foreign, seen)
-            self._accept_still(image, foreign, shade, protect, moved, t_s)
+            self._accept_still(look)
         residual = cv2.absdiff(image.astype(np.float32), self._lit)[::6, ::6]
         calm = residual[free[::6, ::6] > 0]
         if len(calm) > 50:
@@ -186,45 +190,39 @@ class RoadBackground:
         self._is_noisy |= self._noise > NOISY
         self._refresh_threshold()
 
-    def _accept_still(
-        self,
-        image: Image,
-        foreign: Image,
-        shade: Image,
-        protect: Image,
-        moved: Image,
-        t_s: float,
-    ) -> None:
+    def _accept_still(self, look: _Look) -> None:
         """Take for road what differs and stands still, if it is no vehicle or only a ghost.
 
         Markings and stains that the first picture did not explain are learnt after a while.  A
         ghost, the place of a vehicle that was learnt and has left, shows the edges of a vehicle in
-        the road that was learnt and none in the picture; it is learnt at once, but for what
-        `moved` (255) there: a vehicle the colour of asphalt has no edges either.  A gantry's shadow
-        is learnt in time, if it lay there from the first; a tree's sways, a vehicle's leaves.
+        the road that was learnt and none in the picture; it is learnt at once, unless a vehicle has
+        moved there: one the colour of asphalt has no edges either.  A gantry's shadow is learnt in
+        time, if it lay there from the first; a tree's sways, a vehicle's leaves.
         """
+        image, shade = look.image, look.shade
         still = cv2.compare(cv2.absdiff(image, self._before), STILL_LEVELS, cv2.CMP_LT)
-        checked_s, self._checked_s = self._checked_s, t_s
-        self._still_s += t_s - checked_s
+        dt_s, self._checked_s = look.t_s - self._checked_s, look.t_s
+        self._still_s += dt_s
         self._still_s[still == 0] = 0.0
         np.copyto(self._before, image)
-        free = cv2.dilate(protect, self._grow) == 0
+        free = cv2.dilate(look.known, self._grow) == 0
         learnt_edges = self._edges(cv2.convertScaleAbs(self._road))
         ghost = (learnt_edges > VEHICLE_EDGES) & (learnt_edges > GHOST_EDGES * self._edges(image))
-        plain = self._plain()
+        profiles = self._profiles()
+        plain = self._plain(profiles)
         unlike = cv2.absdiff(image.astype(np.float32), plain)
         ghost = (ghost & (unlike < ALIKE)) | (unlike < PLAIN_TOLERANCE)
         stain = free & (unlike < np.minimum(STAIN_SHARE * plain, STAIN_TOLERANCE))
-        self._relearn_rows(image, plain, t_s - checked_s)
         accepted = (self._still_s >= STILL_S) & stain | (self._still_s >= GHOST_S) & ghost
-        accepted &= (foreign > 0) & (shade == 0) & (moved == 0)
+        accepted &= (look.foreign > 0) & (shade == 0) & (look.protect != MOVED)
         accepted |= free & (shade > 0) & (self._bare == 0) & (self._still_s >= STILL_SHADE_S)
+        self._relearn_rows(image, profiles, dt_s)
         for number, band in enumerate(self._bands):
             part = np.s_[band.rows[0] : band.rows[1], : band.columns]
             unlit = image[part] / self._gain[number, : band.columns]
             np.copyto(self._road[part], unlit, where=accepted[part])
 
-    def _relearn_rows(self, image: Image, plain: Picture, dt_s: float) -> None:
+    def _relearn_rows(self, image: Image, profiles: list[Picture], dt_s: float) -> None:
         """Learn rows anew that have long shown, nearly all along, another road than was learnt.
 
         Where a queue stood in the first picture, it may have been taken for road.
@@ -235,9 +233,9 @@ class RoadBackground:
                 continue
             gain = self._gain[number, begin:end]
             some = (image[rows, begin:end:EVERY] / gain[::EVERY]).astype(np.float32)
-            modes = row_counts(some).argmax(axis=1).astype(np.float32)
+            modes = row_modes(some)
             tolerance = np.maximum(ALIKE, GRAIN * modes)[:, None]
-            learnt = plain[rows, begin] / gain[0]
+            learnt = profiles[number]
             other = np.abs(modes - learnt) > np.maximum(ALIKE, OTHER_ROAD * learnt)
             other &= (np.abs(some - modes[:, None]) < tolerance).mean(axis=1) > MOST_OF_ROW
             waited_s = np.where(other, self._other_s[rows] + dt_s, 0.0)
@@ -250,13 +248,17 @@ class RoadBackground:
             alike = np.abs(unlit - modes[anew, None]) < tolerance[anew]
             self._road[rows, begin:end][anew] = np.where(alike, unlit, modes[anew, None])
 
-    def _plain(self) -> Picture:
-        """Return the road as its rows' most common brightness says, in the present light."""
+    def _profiles(self) -> list[Picture]:
+        """Return each band's road as its rows' most common brightness says, (rows,)."""
+        parts = (np.s_[b.rows[0] : b.rows[1], : b.columns : 3] for b in self._bands)
+        return [row_modes(self._road[part]) for part in parts]
+
+    def _plain(self, profiles: list[Picture]) -> Picture:
+        """Return the road as its profiles say, in the present light."""
         plain = np.zeros_like(self._road)
-        for number, band in enumerate(self._bands):
+        for number, (band, profile) in enumerate(zip(self._bands, profiles, strict=True)):
             part = np.s_[band.rows[0] : band.rows[1], : band.columns]
-            modes = row_modes(self._road[part][:, ::3])[:, None]
-            np.multiply(modes, self._gain[number, : band.columns], out=plain[part])
+            np.multiply(profile[:, None], self._gain[number, : band.columns], out=plain[part])
         return plain
 
     def _edges(self, image: Image) -> Picture:

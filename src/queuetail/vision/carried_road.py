@@ -8,13 +8,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from queuetail.geo.ground import apply_homography
 from queuetail.traffic.road import locate, place
-from queuetail.types import Band, Floats, Image, RoadRaster
-
-Picture = NDArray[np.float32]
+from queuetail.types import Band, Floats, Image, Picture, RoadRaster
 
 ROWS_APART = 16  # at which places are computed: between them they lie evenly
 NOWHERE = -10.0

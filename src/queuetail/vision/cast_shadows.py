@@ -106,7 +106,7 @@ class ShadowReach:
                 self._learn(caster, intervals, lanes, px_per_m)
         for interval in intervals:
             interval.shadow = interval.body < ONLY_SHADE and any(
-                is_near(interval, caster, px_per_m)
+                _is_near(interval, caster, px_per_m)
                 and self._reaches(caster, interval.lane - caster.lane, px_per_m)
                 for caster in bodies
             )
@@ -119,7 +119,7 @@ class ShadowReach:
             lane = caster.lane + apart
             if apart == 0 or not 1 <= lane <= lanes:
                 continue
-            near = [i for i in intervals if i.lane == lane and is_near(i, caster, px_per_m)]
+            near = [i for i in intervals if i.lane == lane and _is_near(i, caster, px_per_m)]
             if any(i.body >= ONLY_SHADE for i in near):
                 continue
             key = (caster.band, _is_tall(caster, px_per_m), apart)
@@ -135,7 +135,7 @@ class ShadowReach:
         return count < REACH_KNOWN or share > THROWN
 
 
-def is_near(shade: Interval, caster: Interval, px_per_m: float) -> bool:
+def _is_near(shade: Interval, caster: Interval, px_per_m: float) -> bool:
     """Tell whether shade lies so near a caster, along the road, that it may be thrown by it."""
     reach = SHADOW_REACH_M * px_per_m
     return caster.rear < shade.front + reach and caster.front > shade.rear - reach

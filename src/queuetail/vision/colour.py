@@ -13,9 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from queuetail.types import Bools, Image, RoadRaster
-
-Picture = NDArray[np.float32]
+from queuetail.types import Bools, Image, Picture, RoadRaster
 
 LEARN_EVERY_S, LEARN_S = 0.8, 6.0
 STILL_S, STILL_LEVELS = 4.0, 6.0  # for what has another colour, but is no vehicle

@@ -10,12 +10,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from queuetail.types import Band, Bools
+from queuetail.types import Band, Bools, Picture
 from queuetail.vision.light import LIMITS, evened, without_trees
-
-Picture = NDArray[np.float32]
 
 ALIKE = 20.0  # grey levels from its row's road that a pixel of road may differ by at the least,
 GRAIN_SIGMAS = 2.5  # and so many sigmas of asphalt's own grain

@@ -11,9 +11,8 @@ import math
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from queuetail.types import Band, Floats, Image, RoadRaster
+from queuetail.types import Band, Floats, Image, Picture, RoadRaster
 
 FASTEST_MPS, BACKWARD_MPS = 42.0, 2.0  # what is searched; a little backward, so that 0 is no end
 HALF_WIDTH_M = 0.9  # of the lane's middle that is compared
@@ -24,8 +23,6 @@ STEP_M = 0.5  # at stations so far apart
 LONGEST_S = 0.35  # between two pictures that are compared
 MOST_UNLIKE = 0.5  # mismatch at the best shift, as a share of that at the worst
 LEAST_TEXTURE = 4.0  # grey levels of mismatch at the worst shift
-
-Picture = NDArray[np.float32]
 
 
 class LaneFlow:

@@ -17,12 +17,13 @@ from queuetail.vision.lane_interval import MIN_LENGTH_M, Interval
 from queuetail.vision.occlusion import ROOF_M, LaneRows, lane_edge, lane_rows
 from queuetail.vision.outlines import (
     BRIDGE_M,
-    CLOSE_M,
     bridged,
     fill_outlines,
+    joint_px,
     sill_line,
     silled,
     under_sill,
+    without_gaps,
 )
 
 MIN_COVER = 0.38  # of the core, for a column to belong to a vehicle
@@ -228,10 +229,9 @@ def body_runs(body: Bools, first: int, px_per_m: float) -> tuple[tuple[float, fl
 
     A windscreen parts nothing; what is too short is no vehicle.
     """
-    width = 2 * (max(round(CLOSE_M * px_per_m), 1) // 2) + 1
-    on = np.pad(body.astype(np.uint8), width)[None]
-    closed = cv2.morphologyEx(on, cv2.MORPH_CLOSE, np.ones((1, width), np.uint8))[0]
-    edges = np.flatnonzero(closed[1:] != closed[:-1]) + 1 - width + first
+    beside = joint_px(px_per_m)  # room, so that nothing is joined to the end of the columns
+    closed = without_gaps(np.pad(body.astype(np.uint8), beside), px_per_m)
+    edges = np.flatnonzero(closed[1:] != closed[:-1]) + 1 - beside + first
     runs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
     return tuple((rear, front) for rear, front in runs if front - rear >= MIN_LENGTH_M * px_per_m)
 
@@ -240,12 +240,11 @@ def _standing_columns(
     cover: Floats, seen: BandMasks, band: Band, middle: float, px_per_m: float
 ) -> Image:
     """Return which columns (n,) of a lane something stands on: its cover, and what joins it."""
-    on = (cover >= MIN_COVER).astype(np.uint8)[None]
+    on = (cover >= MIN_COVER).astype(np.uint8)
     begin, end = band.visible_columns
-    on[:, :begin] = 0
-    on[:, end:] = 0
-    width = 2 * (max(round(CLOSE_M * px_per_m), 1) // 2) + 1
-    closed = cv2.morphologyEx(on, cv2.MORPH_CLOSE, np.ones((1, width), np.uint8))[0]
+    on[:begin] = 0
+    on[end:] = 0
+    closed = without_gaps(on, px_per_m)
     joined = bridged(closed, under_sill(seen.dark, middle, px_per_m), BRIDGE_M * px_per_m)
     line = sill_line(seen.dark, seen.bright, seen.silhouettes, band, middle, px_per_m)
     return silled(joined, line, px_per_m)

@@ -5,11 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
-from queuetail.types import Image
-
-Picture = NDArray[np.float32]
+from queuetail.types import Image, Picture
 
 WINDOW_M = 9.0  # stretch of road over which brightness is compared
 SHORTEST_M, STEP_M = 36.0, 1.0  # a shadow of less than half of that is a tree's, not a cloud's

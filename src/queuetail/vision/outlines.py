@@ -18,6 +18,17 @@ HOLE_WIDTH_M = 2.2  # across the road: the widest hole that is filled, a vehicle
 TRUCK_HOLE_M, TRUCK_HOLE_WIDTH_M, TRUCK_HOLE_SHARE = (4.0, 21.0), 4.5, 0.5
 
 
+def joint_px(px_per_m: float) -> int:
+    """Return the odd number of columns over which parts of one vehicle are joined."""
+    return 2 * (max(round(CLOSE_M * px_per_m), 1) // 2) + 1
+
+
+def without_gaps(on: Image, px_per_m: float) -> Image:
+    """Join runs of columns (n,) that are `on` over what a windscreen leaves out."""
+    kernel = np.ones((1, joint_px(px_per_m)), np.uint8)
+    return np.asarray(cv2.morphologyEx(on[None], cv2.MORPH_CLOSE, kernel)[0])
+
+
 def bridged(on: Image, under: Bools, longest: float) -> Image:
     """Join runs of columns (n,) that are `on` where a dark line goes on from one to the next.
 
@@ -37,10 +48,8 @@ def silled(on: Image, sill: Bools, px_per_m: float) -> Image:
 
     A trailer the colour of asphalt shows its cab or its rear, and the line of shade along its side.
     """
-    joint = 2 * (max(round(CLOSE_M * px_per_m), 1) // 2) + 1
-    closed = cv2.morphologyEx(
-        sill.astype(np.uint8)[None], cv2.MORPH_CLOSE, np.ones((1, joint), np.uint8)
-    )[0]
+    joint = joint_px(px_per_m)
+    closed = without_gaps(sill.astype(np.uint8), px_per_m)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], closed, [0]])))
     joined = on.copy()
     for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
