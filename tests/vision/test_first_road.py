@@ -28,6 +28,16 @@ def test_a_solid_line_is_part_of_the_road() -> None:
     assert road_profile(road, OF, PX_PER_M)[12:14] == pytest.approx([200, 200], abs=1)
 
 
+def test_a_line_that_a_row_shows_here_and_there_is_not_its_road() -> None:
+    """Coarse asphalt has many levels and paint has one, which may be the most common of all."""
+    rng = np.random.default_rng(0)
+    road = 110.0 + rng.normal(0.0, 12.0, (OF.rows[1], OF.columns)).astype(np.float32)
+    row = round(OF.lane_rows[0])
+    road[row, ::4] = 200.0
+    assert row_modes(road)[row] == pytest.approx(200, abs=1)
+    assert road_profile(road, OF, PX_PER_M)[row] == pytest.approx(110, abs=8)
+
+
 def test_cars_are_left_out_and_bare_road_is_believed() -> None:
     road = asphalt(OF)
     first = first_road(with_car(road, OF, 1, 300), OF, PX_PER_M)

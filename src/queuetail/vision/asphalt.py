@@ -24,6 +24,7 @@ from queuetail.vision.first_road import (
     row_modes,
 )
 from queuetail.vision.light import light_along
+from queuetail.vision.paint import painted
 from queuetail.vision.shade import CastShade
 
 Part = tuple[slice, slice]
@@ -101,10 +102,22 @@ class RoadBackground:
             coloured &= seen
             foreign |= coloured
             bright |= coloured
+        self._leave_out_paint(foreign, bright, protect)
         share = cv2.divide(image, self._lit, dtype=cv2.CV_32F)
         shade = self._shade.mask(share, cv2.bitwise_and(foreign, cv2.bitwise_not(bright)))
         self._learn(_Look(image, foreign, shade, known, protect, t_s))
         return Masks(foreign, bright, shade, cv2.absdiff(share, 1.0))
+
+    def _leave_out_paint(self, foreign: Image, bright: Image, protect: Image) -> None:
+        """Take painted marks for road where that was not seen bare yet."""
+        unknown = cv2.bitwise_and(bright, cv2.bitwise_not(self._bare))
+        unknown &= cv2.compare(protect, MOVED, cv2.CMP_NE)
+        if not cv2.countNonZero(unknown):
+            return
+        dark = cv2.bitwise_and(foreign, cv2.bitwise_not(bright))
+        road = cv2.bitwise_not(cv2.bitwise_and(painted(bright, dark, self._px_per_m), unknown))
+        foreign &= road
+        bright &= road
 
     def _start(self, raster: RoadRaster, t_s: float) -> None:
         """Believe the first picture where it looks like its row's road, and the row elsewhere.

@@ -58,12 +58,23 @@ def road_profile(picture: Picture, band: Band, px_per_m: float) -> Picture:
     usual = int(of_all.argmax())
     size = 2 * round(BROAD_M * px_per_m / 2) + 1
     broad = cv2.medianBlur(modes.astype(np.uint8)[:, None], size)[:, 0].astype(np.float32)
+    # A line, or the side of a truck, is a row's road only where more of it shows that than asphalt.
+    paint = _common(counts, broad) > _common(counts, modes)
+    modes[paint] = broad[paint]
     odd = np.zeros(len(modes), np.bool_)
     odd[lanes] = np.abs(broad[lanes] - usual) > max(OTHER_ROAD * usual, ALIKE)
     low, high = round((1 - OTHER_ROAD) * usual), round((1 + OTHER_ROAD) * usual)
     own = counts[odd] + LITTLE * of_all  # where a row shows no road at all, that of all lanes
     modes[odd] = low + own[:, low : high + 1].argmax(axis=1)
     return modes
+
+
+def _common(counts: Picture, level: Picture) -> Picture:
+    """Return how common a brightness (rows,), and what is like it, is in each row: (rows,)."""
+    below = np.pad(np.cumsum(counts, axis=1), ((0, 0), (1, 0)))
+    row, at = np.arange(len(level)), level.astype(np.intp)
+    high, low = np.minimum(at + int(ALIKE), 255) + 1, np.maximum(at - int(ALIKE), 0)
+    return np.asarray(below[row, high] - below[row, low], np.float32)
 
 
 def row_modes(picture: Picture) -> Picture:
