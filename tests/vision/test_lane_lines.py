@@ -10,15 +10,16 @@ import pytest
 from rasters import STRAIGHT, arc, camera, painted
 
 from queuetail.traffic.alignment import Camera, align
-from queuetail.traffic.lane_evidence import NO_MARKS, LineMarks, gather
+from queuetail.traffic.lane_evidence import NO_MARKS, WINDOW_M, LineMarks, gather
 from queuetail.traffic.road import locate
 from queuetail.types import Approach, Floats, GroundMapping, Image
 from queuetail.vision.foot import camera_above_ground
-from queuetail.vision.lane_lines import MIN_PICTURES, STEP_S, LaneLines
+from queuetail.vision.lane_lines import MIN_PICTURES, STEP_S, LaneLines, _offsets
 
 SIZE = (800, 450)
 LINE_M = 0.15
 ASPHALT, PAINT, GRASS, GRAVEL = 90.0, 150.0, 70.0, 130.0
+COARSE = 22.0  # levels by which blotches of asphalt differ
 
 
 def solid(offset_m: float) -> Callable[[Floats, Floats], Floats]:
@@ -118,8 +119,22 @@ def test_what_is_no_line_leaves_but_a_stray(
     mapping = camera(75.0, -60.0, yaw_deg=60.0, size=SIZE)
     luma = picture(STRAIGHT, mapping, *things)
     marks = watched((STRAIGHT,), mapping, [luma])
-    assert len(marks) <= 3
+    assert len(marks) <= 4
     assert align((STRAIGHT,), gather((), marks), Camera(*camera_above_ground(mapping))) is None
+
+
+def test_a_line_on_coarse_asphalt_shows_over_a_long_way() -> None:
+    mapping = camera(75.0, -60.0, yaw_deg=60.0, size=SIZE)
+    luma = picture(STRAIGHT, mapping, solid(-7.2), blotches=COARSE)
+    lines = LaneLines((STRAIGHT,))
+    for n in range(MIN_PICTURES):
+        lines.update(luma, mapping, n * STEP_S)
+    (grid,) = lines._grids or ()
+    assert grid is not None
+    short, both = _offsets(grid, WINDOW_M), lines.marks
+    on_line = np.abs(locate(STRAIGHT, both.enu)[1] + 7.2) < 0.3
+    assert on_line.sum() > (np.abs(short[:, 1] + 7.2) < 0.3).sum()
+    assert on_line.mean() > 0.6
 
 
 def test_vehicles_that_pass_hide_nothing_and_leave_nothing() -> None:

@@ -31,9 +31,10 @@ MIN_MARKS_AGREEING = 0.55  # the other carriageway and the shoulders have lines 
 MANY_VEHICLES, NEARLY_ALL = 12, 0.85  # of the vehicles
 MIN_WRONG_WAY = 3  # vehicles, for lines to lie on other lanes than they fit
 VEHICLE_AGREES, MARK_AGREES = 0.35, 0.12  # of a lane's width from where it belongs
-SHIFT_SIGMA_M, ROTATION_SIGMA_DEG, SCALE_SIGMA, TILT_SIGMA = 3.0, 2.0, 0.01, 0.012
+SHIFT_SIGMA_M, ROTATION_SIGMA_DEG, SCALE_SIGMA, TILT_SIGMA = 2.5, 1.2, 0.01, 0.015
 VEHICLES_SHARE_M = 0.2  # how far aside all vehicles may seem to be, for shadow or lean
-MARK_SIGMA_M = (0.35, 0.35, 0.35, 0.25, 0.15)  # from the search, on to the last round
+MARK_SIGMA_M = (0.35, 0.35, 0.35, 0.25, 0.15, 0.1)  # from the search, on to the last round
+MAD_SIGMA = 1.4826
 WORST = 9.0  # squared sigmas: a stray counts for no more
 REACH_M = 12.0  # beside the lanes
 SHIFTS_M = np.arange(-9.0, 9.01, 0.3)
@@ -230,11 +231,11 @@ def _refine(
     solution, normal = start, prior
     for n in range(ROUNDS):
         mark_m = MARK_SIGMA_M[min(n, len(MARK_SIGMA_M) - 1)]
-        sigma_m = np.where(seen.is_mark, mark_m, VEHICLE_SIGMA_M)
         placed = _moved(seen, solution, camera)
         found = lateral(approaches, placed, REACH_M)
         J = _jacobian(placed, found.left, solution, camera)
         miss = found.miss_m + J[:, SHARED] @ solution[SHARED]
+        sigma_m = np.where(seen.is_mark, mark_m, _vehicle_sigma_m(miss[~seen.is_mark]))
         used = np.abs(miss) < 4 * sigma_m  # NaN is not
         J, miss = J[used], miss[used]
         weight = np.minimum(1.0, 1.5 * sigma_m[used] / np.maximum(np.abs(miss), 1e-9))
@@ -243,6 +244,14 @@ def _refine(
         step = np.linalg.solve(normal, -(J * weight[:, None]).T @ miss - prior @ solution)
         solution = solution + step
     return solution, np.asarray(np.linalg.inv(normal))
+
+
+def _vehicle_sigma_m(miss_m: Floats) -> float:
+    """Return how well vehicles (n,) keep to their lanes, as they are seen."""
+    known = miss_m[np.isfinite(miss_m)]
+    if not len(known):
+        return VEHICLE_SIGMA_M
+    return max(VEHICLE_SIGMA_M, MAD_SIGMA * float(np.median(np.abs(known))))
 
 
 def _homography(solution: Floats, camera: Camera) -> Floats:

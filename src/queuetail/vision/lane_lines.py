@@ -34,7 +34,8 @@ NEAR_M = 1.0
 LEAST_ERROR = 0.1  # levels
 MAD_SIGMA = 1.4826
 MIN_APART_M = 0.6
-SKEWS = np.arange(-0.08, 0.081, 0.01)  # metres aside per metre along
+MOST_SKEW, SKEW_AT_END_M = 0.08, 0.12  # metres aside per metre along, and what windows resolve
+LONG_M, ENOUGH = 36.0, 12  # of road where a short window tells no paint from coarse asphalt
 
 
 class LaneLines:
@@ -117,18 +118,23 @@ class _Grid:
         self._count += inside
         self.pictures += 1
 
+    @property
+    def length_m(self) -> float:
+        """Return the length of the road that the grid lies over."""
+        return len(self.station_m) * ALONG_M
+
     def covers(self, enu: Floats) -> Bools:
         """Tell which points (n, 2) the grid lies over."""
         station, offset, _ = locate(self.approach, enu)
         along = (station > self.station_m[0]) & (station < self.station_m[-1])
         return np.asarray(along & (offset > self.offset_m[0]) & (offset < self.offset_m[-1]))
 
-    def windows(self) -> tuple[Floats, Floats, Floats]:
-        """Return the middles of windows (w,), and by offset mean ridges and their clarity (w, n).
+    def windows(self, length_m: float) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return the middles and skews of windows (w,), and mean ridges and their clarity (w, n).
 
         A wrong heading sets lines askew: every window is sheared until they stand out the most.
         """
-        rows = round(WINDOW_M / ALONG_M)
+        rows = round(length_m / ALONG_M)
         starts = np.arange(0, len(self.station_m) - rows + 1, rows)
         used = len(starts) * rows
         seen = self._count[:used] > self.pictures / 2
@@ -136,11 +142,13 @@ class _Grid:
         ridge = ridge.reshape(len(starts), rows, -1)
         seen = seen.reshape(ridge.shape)
         along_m = (np.arange(rows) - (rows - 1) / 2) * ALONG_M
-        tried = [_along(ridge, seen, along_m * skew) for skew in SKEWS]
+        skews = np.arange(-MOST_SKEW, MOST_SKEW + 1e-6, SKEW_AT_END_M / length_m)
+        tried = [_along(ridge, seen, along_m * skew) for skew in skews]
         means, clarities = (np.stack(values) for values in zip(*tried, strict=True))
         distinct = (np.maximum(clarities - MIN_CLARITY / 2, 0.0) ** 2).sum(axis=2)
         best, window = np.argmax(distinct, axis=0), np.arange(len(starts))
-        return self.station_m[starts] + along_m[-1], means[best, window], clarities[best, window]
+        middle_m = self.station_m[starts] + along_m[-1]
+        return middle_m, skews[best], means[best, window], clarities[best, window]
 
     def _ridge(self, seen: Floats, mapping: GroundMapping) -> Floats:
         """Return by how much every cell is brighter than the brighter of its two sides."""
@@ -188,20 +196,33 @@ def _gsd_m(
 
 
 def _marks(grid: _Grid) -> LineMarks:
-    middle_m, mean, clarity = grid.windows()
+    """Return the marks of short windows, and of long ones where no short one shows anything."""
+    found = _offsets(grid, WINDOW_M)
+    if len(found) < ENOUGH and grid.length_m >= LONG_M:
+        longer = _offsets(grid, LONG_M)
+        apart = np.abs(longer[:, None] - found[None])
+        known = (apart[..., 0] < WINDOW_M / 2) & (apart[..., 1] < MIN_APART_M)
+        found = np.concatenate([found, longer[~known.any(axis=1)]])
+    enu = place(grid.approach, found[:, 0], found[:, 1]).reshape(-1, 2)
+    return LineMarks(enu, locate(grid.approach, enu)[2])
+
+
+def _offsets(grid: _Grid, length_m: float) -> Floats:
+    """Return stations and offsets (n, 2) of marks, one for each `WINDOW_M` of a window's lines."""
+    middle_m, skew, mean, clarity = grid.windows(length_m)
     shown = np.abs(clarity[np.isfinite(clarity)])
     if not len(shown):
-        return NO_MARKS
+        return np.zeros((0, 2))
     least = max(MIN_CLARITY, MIN_SPREADS * MAD_SIGMA * float(np.median(shown)))
-    stations: list[float] = []
-    offsets: list[float] = []
-    for station_m, profile, clear in zip(middle_m, mean, clarity, strict=True):
-        for column in _peaks(profile, clear, least):
-            stations.append(station_m)
-            offsets.append(grid.offset_m[0] + column * ACROSS_M)
-    s, d = np.array(stations), np.array(offsets)
-    enu = place(grid.approach, s, d).reshape(-1, 2)
-    return LineMarks(enu, locate(grid.approach, enu)[2])
+    pieces = round(length_m / WINDOW_M)
+    along_m = (np.arange(pieces) - (pieces - 1) / 2) * WINDOW_M
+    found = [
+        (station_m + ahead_m, grid.offset_m[0] + column * ACROSS_M + askew * ahead_m)
+        for station_m, askew, profile, clear in zip(middle_m, skew, mean, clarity, strict=True)
+        for column in _peaks(profile, clear, least)
+        for ahead_m in along_m.tolist()
+    ]
+    return np.array(found).reshape(-1, 2)
 
 
 def _peaks(mean: Floats, clarity: Floats, least: float) -> list[float]:
