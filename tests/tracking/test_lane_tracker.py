@@ -532,6 +532,36 @@ def test_a_standing_thing_that_others_drive_through_is_no_vehicle() -> None:
     assert confirmed(tracks) == []
 
 
+def drive_into(road: Road, *others: Seen) -> None:
+    """Let a car drive at 18 m/s to 6 m before a thing at 150 m, and be seen no more."""
+    for n in range(120):
+        at = 1.0 + 1.8 * n
+        seen = [(1, at, at + 4.6)] if at + 4.6 < 144.0 else []
+        road.see((1, 150.0, 153.0), *others, *seen)
+
+
+def test_what_others_drive_into_at_speed_is_no_vehicle() -> None:
+    """The light between a bridge and its shadow: who comes from under it is another one."""
+    road = Road()
+    for _ in range(15):
+        tracks = road.see((1, 150.0, 153.0))
+    assert len(confirmed(tracks)) == 1
+    drive_into(road)
+    assert len(confirmed(road.see((1, 150.0, 153.0)))) == 1  # one may be lost for another reason
+    drive_into(road)
+    assert confirmed(road.see((1, 150.0, 153.0))) == []
+
+
+def test_a_car_that_came_and_stopped_stays_though_others_are_lost_behind_it() -> None:
+    road = Road()
+    for n in range(200):
+        at, speed = braked(n / 10, 150.0)
+        road.see((1, at, at + 3.0), flows=[(1, at, at + 3.0, speed)])
+    drive_into(road)
+    drive_into(road)
+    assert len(confirmed(road.see((1, 150.0, 153.0)))) == 1
+
+
 def test_what_stands_beside_where_all_drive_is_no_traffic() -> None:
     """A car parked on the shoulder, while the site's lanes lie a little aside."""
     road = Road()

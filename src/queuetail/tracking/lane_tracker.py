@@ -58,6 +58,7 @@ STAIN_CONTRAST, MIN_STANDING_M = 0.17, 2.8
 SHADE_HIDDEN_S = 3.0
 BACK_M = 2.0  # from where it was born
 ASTRIDE_SHARED = 0.6  # of the shorter, of a vehicle and what is seen between its lane and the next
+RUN_INTO = 2  # vehicles: no one of them may be lost for another reason
 SAME_PLACE = 0.45  # overlap, as a share of the shorter, at which one drives through the other
 
 
@@ -155,7 +156,7 @@ class LaneTracker:
                 vehicle.speed_mps = 0.0  # noise would carry it away while it is not seen
         for behind, ahead in pairwise(vehicles):
             if behind.confirmed and ahead.confirmed and behind.seen_s < t_s:
-                keep_behind(behind, ahead)
+                keep_behind(behind, ahead, t_s - behind.seen_s)
         gone += merge_followers([v for v in vehicles if v not in gone], dt_s)
         self._vehicles = [v for v in self._vehicles if v not in gone]
         return unclaimed
@@ -263,7 +264,7 @@ class LaneTracker:
         return nearest.speed_mps, 8.0
 
     def _unmask(self) -> None:
-        """Unmask standing things that another vehicle drives through: they are no vehicles."""
+        """Unmask standing things that others drive through or into: they are no vehicles."""
         driving = [v for v in self._vehicles if v.confirmed and v.speed_mps > DRIVING_MPS]
         for thing in self._vehicles:
             if thing.moved or thing.mark or abs(thing.speed_mps) > STANDING_MPS:
@@ -277,7 +278,7 @@ class LaneTracker:
                 False,
                 False,
             )
-            if any(
+            if thing.run_into >= RUN_INTO or any(
                 v.moved
                 and (v.approach, v.lane) == (thing.approach, thing.lane)
                 and shared(v, place) > SAME_PLACE
