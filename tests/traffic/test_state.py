@@ -96,7 +96,8 @@ def vehicles(
     ],
 )
 def test_a_queue_takes_two(rears: list[float], slow: list[int], queued: list[int]) -> None:
-    found = with_companions(vehicles(rears), np.array(slow, np.bool_))
+    nobody = np.zeros(len(rears), np.bool_)
+    found = with_companions(vehicles(rears), np.array(slow, np.bool_), nobody)
     assert found.astype(int).tolist() == queued
 
 
@@ -155,6 +156,35 @@ def test_a_lone_slow_vehicle_and_free_ones_are_no_queue() -> None:
     marked, state = watched.see(vehicles([150, 250, 300], [28, 2, 28]), 10.0)
     assert state.status is QueueStatus.CLEAR
     assert not marked.queued.any()
+
+
+@pytest.mark.parametrize(
+    ("before_mps", "after_mps", "station_m", "queues"),
+    [
+        (28.0, 4.0, SPAN[1] - 10, True),  # for one that the picture does not show any more
+        (28.0, 4.0, SPAN[1] - 20, False),  # there is nobody ahead
+        (12.0, 4.0, SPAN[1] - 10, False),  # a tractor
+        (28.0, 0.0, SPAN[1] - 6, True),
+        (28.0, 0.0, SPAN[1] - 12, False),  # the first at a stop line
+    ],
+)
+def test_who_brakes_where_the_picture_ends_follows_one_beyond(
+    before_mps: float, after_mps: float, station_m: float, queues: bool
+) -> None:
+    watched = Watched()
+    watched.see(vehicles([station_m - 30], [before_mps]), 2.0)
+    marked, state = watched.see(vehicles([station_m], [after_mps]), 2.0)
+    assert state.status is (QueueStatus.QUEUED if queues else QueueStatus.CLEAR)
+    assert marked.queued.any() == queues
+    if queues:
+        assert state.eoq is not None
+        assert state.eoq.station_m == pytest.approx(station_m)
+
+
+def test_nobody_is_supposed_beyond_the_end_of_the_road() -> None:
+    watched, end = Watched(), (100.0, 599.0)
+    watched.see(vehicles([560.0], [28.0]), 2.0, {0: end})
+    assert watched.see(vehicles([592.0], [0.0]), 9.0, {0: end})[1].status is QueueStatus.CLEAR
 
 
 def test_tentative_vehicles_do_not_queue() -> None:

@@ -2,7 +2,8 @@
 
 A vehicle is queued from 1 s after it falls below the queue speed until it has been above 1.25 × it
 for 1 s; the end of the queue is the rear of the most upstream queued vehicle that has another
-queued one within 60 m downstream (the definition that ground truth uses).
+queued one within 60 m downstream (the definition that ground truth uses).  For who brakes to that
+speed just before the picture ends, while the road goes on, that one is beyond the picture.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from queuetail.geo.ground import covariance
 from queuetail.traffic.growth import Growth
 from queuetail.traffic.queue import end_of_queue
-from queuetail.traffic.road import locate
+from queuetail.traffic.road import length_m, locate
 from queuetail.types import (
     Approach,
     Bools,
@@ -35,6 +36,8 @@ SLOW_S, FAST_S = 0.95, 0.95  # below or above the speed before a vehicle changes
 RELEASE_FACTOR = 1.25
 JOINING_FACTOR = 1.15  # of the queue speed: from there down a vehicle may be queued in a moment
 COMPANION_M = 60.0
+BRAKED = 2.0  # from so many times the queue speed: for somebody ahead,
+GAP_M, GAP_S = 3.0, 1.5  # who is no farther than this, and the way driven in that time
 EDGE_M = 4.0  # nearer to the end of what is seen, a queue may go on beyond it
 WATCH_S = 1.0  # of road in view before it may be called clear: a queue takes as long to show
 BREAK_S = 0.5  # out of view after which watching begins anew
@@ -53,6 +56,7 @@ class _Memory:
     queued: bool = False
     since_s: float | None = None
     seen_s: float = 0.0
+    fastest_mps: float = 0.0
 
 
 class QueueWatch:
@@ -75,9 +79,12 @@ class QueueWatch:
         marked = np.zeros(len(vehicles), np.bool_)
         states = []
         for index, approach in enumerate(approaches):
-            queued = with_companions(vehicles, slow & (vehicles.approach == index))
-            marked |= queued
             span = scene.raster.spans.get(index)
+            ours = slow & (vehicles.approach == index)
+            queued = with_companions(
+                vehicles, ours, self._follow_unseen(vehicles, ours, approach, span)
+            )
+            marked |= queued
             states.append(self._state(vehicles, queued, index, approach, span, scene))
         return dataclasses.replace(vehicles, queued=marked), tuple(states)
 
@@ -108,6 +115,26 @@ class QueueWatch:
         if len(self._memories) > 4 * len(ids) + 100:
             alive = set(ids)
             self._memories = {k: m for k, m in self._memories.items() if k in alive}
+        return result
+
+    def _follow_unseen(
+        self,
+        vehicles: RoadVehicles,
+        slow: Bools,
+        approach: Approach,
+        span: tuple[float, float] | None,
+    ) -> Bools:
+        """Return which slow vehicles braked for one that the picture does not show any more."""
+        result = np.zeros_like(slow)
+        end_m = approach.start_station_m + length_m(approach)
+        if span is None or span[1] > end_m - COMPANION_M:
+            return result  # the road as it is known goes no farther than what is seen
+        for i in np.flatnonzero(slow).tolist():
+            speed_mps = vehicles.speed_mps[i]
+            front_m = 2 * vehicles.station_m[i] - vehicles.rear_station_m[i]
+            braked = self._memories[int(vehicles.tracks.ids[i])].fastest_mps / self._speed_mps
+            is_last = front_m + GAP_M + GAP_S * speed_mps > span[1]
+            result[i] = is_last and braked > BRAKED and speed_mps < self._speed_mps
         return result
 
     def _state(
@@ -213,6 +240,7 @@ class QueueWatch:
 def step(memory: _Memory, speed_mps: float, t_s: float, queue_speed_mps: float) -> None:
     """Advance one vehicle's hysteresis in speed and time."""
     memory.seen_s = t_s
+    memory.fastest_mps = max(memory.fastest_mps, speed_mps)
     limit = queue_speed_mps * (RELEASE_FACTOR if memory.queued else 1.0)
     disagrees = speed_mps > limit if memory.queued else speed_mps < limit
     if not disagrees:
@@ -223,20 +251,20 @@ def step(memory: _Memory, speed_mps: float, t_s: float, queue_speed_mps: float) 
         memory.queued, memory.since_s = not memory.queued, None
 
 
-def with_companions(vehicles: RoadVehicles, slow: Bools) -> Bools:
+def with_companions(vehicles: RoadVehicles, slow: Bools, follow_unseen: Bools) -> Bools:
     """Keep the slow vehicles of a queue: those with another one close downstream, and those ones.
 
-    A lone slow vehicle, or one far behind the rest, is not a queue.
+    A lone slow vehicle, or one far behind the rest, is not a queue; what those that `follow_unseen`
+    ones (n,) brake for counts as another one.
     """
     rows = np.flatnonzero(slow)
-    if len(rows) < 2:
-        return np.zeros_like(slow)
     rear: Floats = vehicles.rear_station_m[rows]
     order = np.argsort(rear)
     near_ahead = np.diff(rear[order]) <= COMPANION_M
     kept = np.zeros(len(rows), np.bool_)
     kept[order[:-1]] |= near_ahead
     kept[order[1:]] |= near_ahead
+    kept |= follow_unseen[rows]
     result = np.zeros_like(slow)
     result[rows[kept]] = True
     return result
