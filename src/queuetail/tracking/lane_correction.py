@@ -18,6 +18,7 @@ ROOF_SIGMA_M = 2.0  # of an end of which only the roof is seen,
 CLEAN, CLEAN_ROOF_SIGMA_M = 0.3, 0.6  # and of the middle of one that is as long as its vehicle
 MERGED_SIGMA_M = 1.0  # of an end that is shared with another vehicle
 SMALLEST_GAP_M = 1.0
+LOST_S = 0.35  # unseen for so long, and not just merged with another one in a picture
 FASTEST_STOP_MPS2, CRASH_MPS = 8.0, 4.0  # braking on dry asphalt, and what is no braking at all
 # Longer than known by this much for a while: another vehicle is inside, the shortest with its gap.
 LENGTH_STEP_M = 4.4
@@ -139,8 +140,8 @@ def keep_behind(behind: LaneVehicle, ahead: LaneVehicle, unseen_s: float) -> Non
     """
     overlap = behind.front_m + SMALLEST_GAP_M - ahead.rear_m
     if overlap > 0:
-        crashes = behind.speed_mps > FASTEST_STOP_MPS2 * unseen_s + CRASH_MPS
-        if behind.moved and not ahead.moved and crashes:
+        brakes = behind.speed_mps <= FASTEST_STOP_MPS2 * unseen_s + CRASH_MPS
+        if behind.moved and not ahead.moved and unseen_s > LOST_S and not brakes:
             ahead.run_into += 1
         behind.rear_m -= overlap
         behind.speed_mps = min(behind.speed_mps, ahead.speed_mps)
