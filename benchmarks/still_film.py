@@ -50,6 +50,17 @@ def write(picture: Image, out: Path, seconds: float) -> None:
         container.mux(stream.encode())
 
 
+def read(path: Path, width: int | None) -> Image:
+    """Return a picture (h, w, 3), scaled to a width; raises ValueError where it is none."""
+    picture = cv2.imread(str(path))
+    if picture is None:
+        raise ValueError(f"{path} is no picture that can be read")
+    if width is not None:
+        height = round(picture.shape[0] * width / picture.shape[1])
+        picture = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(picture, np.uint8)
+
+
 def main() -> None:
     """Do as the module says."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -58,13 +69,10 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--width", type=int, help="of the film, in pixels; default: the picture's")
     a = parser.parse_args()
-    picture = cv2.imread(str(a.picture))
-    if picture is None:
-        parser.error(f"{a.picture} is no picture that can be read")
-    if a.width is not None:
-        height = round(picture.shape[0] * a.width / picture.shape[1])
-        picture = cv2.resize(picture, (a.width, height), interpolation=cv2.INTER_AREA)
-    write(picture, a.out, a.seconds)
+    try:
+        write(read(a.picture, a.width), a.out, a.seconds)
+    except (ValueError, OSError) as error:
+        parser.error(str(error))
 
 
 if __name__ == "__main__":

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -13,9 +12,9 @@ from queuetail.config import read_site
 from queuetail.geo.ground import px_to_enu
 from queuetail.mapping import control_point_mapping, site_approaches
 from queuetail.run import run
-from queuetail.traffic.road import locate
+from queuetail.traffic.road import length_m, locate
 from queuetail.types import Approach, Floats, Image
-from still_film import write
+from still_film import read, write
 
 STILLS = {
     "munich_street04": ("kit_ais_munich_street04/MOS179", ".webp", None),
@@ -44,8 +43,7 @@ def on_lanes(approach: Approach, corners_enu: Floats) -> Floats:
     station = np.stack([locate(approach, c)[0] for c in corners_enu])
     middle, offset, _ = locate(approach, corners_enu.mean(axis=1))
     inside = (offset < 0) & (offset > PARKED_M - approach.lanes * approach.lane_width_m)
-    length_m = float(np.linalg.norm(np.diff(approach.axis_enu, axis=0), axis=1).sum())
-    inside &= (middle > 0) & (middle < length_m)
+    inside &= (middle > 0) & (middle < length_m(approach))
     return np.column_stack([station.min(axis=1), middle])[inside]
 
 
@@ -54,22 +52,13 @@ def films(shared: Path, root: Path, tmp_path_factory: pytest.TempPathFactory) ->
     """Return the run of each still."""
     outs = {}
     for name, (still, suffix, width) in STILLS.items():
-        picture = picture_of(shared / "aerial" / f"{still}{suffix}", width)
+        picture = read(shared / "aerial" / f"{still}{suffix}", width)
         out = tmp_path_factory.mktemp(name)
         write(picture, out / "film.mp4", SECONDS)
         site = root / "examples" / "stills" / f"{name}.toml"
         run(out / "film.mp4", site_file=site, out=out / "run", with_video=False)
         outs[name] = out / "run"
     return outs
-
-
-def picture_of(path: Path, width: int | None) -> Image:
-    picture = cv2.imread(str(path))
-    assert picture is not None
-    if width is not None:
-        height = round(picture.shape[0] * width / picture.shape[1])
-        picture = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
-    return np.asarray(picture, np.uint8)
 
 
 @pytest.mark.parametrize(("name", "approach", "within_m", "least"), EXPECTED)
@@ -83,7 +72,7 @@ def test_a_queue_that_stands_in_a_real_picture_is_found_where_it_ends(
     root: Path,
 ) -> None:
     still, suffix, width = STILLS[name]
-    picture = picture_of(shared / "aerial" / f"{still}{suffix}", width)
+    picture = read(shared / "aerial" / f"{still}{suffix}", width)
     site = read_site(root / "examples" / "stills" / f"{name}.toml")
     mapping = control_point_mapping(site, None, picture.shape[1], picture.shape[0])
     left, top, right, bottom = boxes_px(shared / "aerial" / f"{still}.txt", picture).T

@@ -532,12 +532,12 @@ def test_a_standing_thing_that_others_drive_through_is_no_vehicle() -> None:
     assert confirmed(tracks) == []
 
 
-def drive_into(road: Road, *others: Seen) -> None:
+def drive_into(road: Road) -> None:
     """Let a car drive at 18 m/s to 6 m before a thing at 150 m, and be seen no more."""
     for n in range(120):
         at = 1.0 + 1.8 * n
         seen = [(1, at, at + 4.6)] if at + 4.6 < 144.0 else []
-        road.see((1, 150.0, 153.0), *others, *seen)
+        road.see((1, 150.0, 153.0), *seen)
 
 
 def test_what_others_drive_into_at_speed_is_no_vehicle() -> None:

@@ -133,18 +133,27 @@ def correct_many(vehicles: Sequence[LaneVehicle], interval: Interval) -> None:
             behind.correct(behind.rear_m - overlap, MERGED_SIGMA_M)
 
 
-def keep_behind(behind: LaneVehicle, ahead: LaneVehicle, unseen_s: float) -> None:
-    """Stop a vehicle that is not seen before it would be inside the one ahead.
+def drives_into(behind: LaneVehicle, ahead: LaneVehicle, unseen_s: float) -> bool:
+    """Tell whether a vehicle that is not seen any more drove into what has always stood ahead.
 
     Who was seen driving a moment ago cannot have braked so hard: what stands there may be a stain.
     """
-    overlap = behind.front_m + SMALLEST_GAP_M - ahead.rear_m
+    brakes = behind.speed_mps <= FASTEST_STOP_MPS2 * unseen_s + CRASH_MPS
+    lost = behind.moved and not ahead.moved and unseen_s > LOST_S and not brakes
+    return lost and _overlap_m(behind, ahead) > 0
+
+
+def keep_behind(behind: LaneVehicle, ahead: LaneVehicle) -> None:
+    """Stop a vehicle that is not seen before it would be inside the one ahead."""
+    overlap = _overlap_m(behind, ahead)
     if overlap > 0:
-        brakes = behind.speed_mps <= FASTEST_STOP_MPS2 * unseen_s + CRASH_MPS
-        if behind.moved and not ahead.moved and unseen_s > LOST_S and not brakes:
-            ahead.run_into += 1
         behind.rear_m -= overlap
         behind.speed_mps = min(behind.speed_mps, ahead.speed_mps)
+
+
+def _overlap_m(behind: LaneVehicle, ahead: LaneVehicle) -> float:
+    """Return by how much a vehicle comes nearer to the one ahead than vehicles stand."""
+    return behind.front_m + SMALLEST_GAP_M - ahead.rear_m
 
 
 def _remainder(interval: Interval, vehicle: LaneVehicle, by_rear: bool) -> Interval:

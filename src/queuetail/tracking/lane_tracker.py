@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from queuetail.tracking.driving_lines import DrivingLines
-from queuetail.tracking.lane_correction import correct_one, keep_behind
+from queuetail.tracking.lane_correction import correct_one, drives_into, keep_behind
 from queuetail.tracking.lane_sight import flow_mps, follow_flow, is_hidden
 from queuetail.tracking.lane_tracks import carried_over, tracks_of
 from queuetail.tracking.lane_vehicle import (
@@ -156,7 +156,8 @@ class LaneTracker:
                 vehicle.speed_mps = 0.0  # noise would carry it away while it is not seen
         for behind, ahead in pairwise(vehicles):
             if behind.confirmed and ahead.confirmed and behind.seen_s < t_s:
-                keep_behind(behind, ahead, t_s - behind.seen_s)
+                ahead.run_into += drives_into(behind, ahead, t_s - behind.seen_s)
+                keep_behind(behind, ahead)
         gone += merge_followers([v for v in vehicles if v not in gone], dt_s)
         self._vehicles = [v for v in self._vehicles if v not in gone]
         return unclaimed

@@ -14,6 +14,7 @@ import numpy as np
 
 from queuetail.geo.ground import apply_homography
 from queuetail.traffic.lane_evidence import (
+    MAD_SIGMA,
     VEHICLE_SIGMA_M,
     LaneEvidence,
     Lateral,
@@ -34,7 +35,6 @@ VEHICLE_AGREES, MARK_AGREES = 0.35, 0.12  # of a lane's width from where it belo
 SHIFT_SIGMA_M, ROTATION_SIGMA_DEG, SCALE_SIGMA, TILT_SIGMA = 2.5, 1.2, 0.01, 0.015
 VEHICLES_SHARE_M = 0.2  # how far aside all vehicles may seem to be, for shadow or lean
 MARK_SIGMA_M = (0.35, 0.35, 0.35, 0.25, 0.15, 0.1)  # from the search, on to the last round
-MAD_SIGMA = 1.4826
 WORST = 9.0  # squared sigmas: a stray counts for no more
 REACH_M = 12.0  # beside the lanes
 SHIFTS_M = np.arange(-9.0, 9.01, 0.3)

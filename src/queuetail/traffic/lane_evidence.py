@@ -17,6 +17,7 @@ WANDER_M = 40.0  # a vehicle's offset, and what disturbs a line, is the same ove
 WINDOW_M = 12.0  # of road for a mark: a dash and its gap
 SAME_WAY_COS = float(np.cos(np.radians(30.0)))
 NO_VEHICLE = -1
+MAD_SIGMA = 1.4826  # sigmas to a median absolute deviation
 
 
 @dataclass(frozen=True, slots=True)

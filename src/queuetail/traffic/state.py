@@ -126,14 +126,15 @@ class QueueWatch:
     ) -> Bools:
         """Return which slow vehicles braked for one that the picture does not show any more."""
         result = np.zeros_like(slow)
-        end_m = approach.start_station_m + length_m(approach)
-        if span is None or span[1] > end_m - COMPANION_M:
+        if span is None or not slow.any():
+            return result
+        if span[1] > approach.start_station_m + length_m(approach) - COMPANION_M:
             return result  # the road as it is known goes no farther than what is seen
+        front_m = vehicles.rear_station_m + vehicles.tracks.length_m
         for i in np.flatnonzero(slow).tolist():
             speed_mps = vehicles.speed_mps[i]
-            front_m = 2 * vehicles.station_m[i] - vehicles.rear_station_m[i]
             braked = self._memories[int(vehicles.tracks.ids[i])].fastest_mps / self._speed_mps
-            is_last = front_m + GAP_M + GAP_S * speed_mps > span[1]
+            is_last = front_m[i] + GAP_M + GAP_S * speed_mps > span[1]
             result[i] = is_last and braked > BRAKED and speed_mps < self._speed_mps
         return result
 

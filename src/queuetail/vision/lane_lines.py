@@ -11,14 +11,16 @@ the symmetrical local threshold, which compares with both sides, does best.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from queuetail.geo.ground import enu_to_px
-from queuetail.traffic.lane_evidence import NO_MARKS, WINDOW_M, LineMarks
+from queuetail.traffic.lane_evidence import MAD_SIGMA, NO_MARKS, WINDOW_M, LineMarks
 from queuetail.traffic.road import length_m, locate, place
-from queuetail.types import Approach, Bools, Floats, GroundMapping, Image
+from queuetail.types import Approach, Bools, Floats, GroundMapping, Image, Ints
 
 ALONG_M, ACROSS_M = 0.75, 0.1  # of the grid
 BESIDE_M = 8.0  # of the lanes, as far as telemetry may be off
@@ -32,7 +34,6 @@ MIN_CLARITY = 6.0  # standard errors above what is near,
 MIN_SPREADS = 4.5  # and above what asphalt with its blotches shows all over
 NEAR_M = 1.0
 LEAST_ERROR = 0.1  # levels
-MAD_SIGMA = 1.4826
 MIN_APART_M = 0.6
 MOST_SKEW, SKEW_AT_END_M = 0.08, 0.12  # metres aside per metre along, and what windows resolve
 LONG_M, ENOUGH = 36.0, 12  # of road where a short window tells no paint from coarse asphalt
@@ -171,8 +172,7 @@ def _along(ridge: Floats, seen: Bools, aside_m: Floats) -> tuple[Floats, Floats]
     Clarity is how many standard errors a mean lies above those beside it.
     """
     shift = np.round(aside_m / ACROSS_M).astype(np.int64)
-    ridge = np.stack([np.roll(ridge[:, row], -k, axis=1) for row, k in enumerate(shift)])
-    seen = np.stack([np.roll(seen[:, row], -k, axis=1) for row, k in enumerate(shift)])
+    ridge, seen = _sheared(ridge, shift), _sheared(seen, shift)
     count = seen.sum(axis=0)
     mean = ridge.sum(axis=0) / np.fmax(count, 1)
     spread = np.where(seen, (ridge - mean) ** 2, 0.0).sum(axis=0) / np.fmax(count - 1, 1)
@@ -182,6 +182,13 @@ def _along(ridge: Floats, seen: Bools, aside_m: Floats) -> tuple[Floats, Floats]
     beside = [cv2.blur(mean, (near, 1), anchor=(end, 0)) for end in (0, near - 1)]
     clarity = (mean - np.maximum(*beside)) / error
     return mean, np.where(count > len(shift) / 2, clarity, -np.inf)
+
+
+def _sheared(values: NDArray[Any], shift: Ints) -> NDArray[Any]:
+    """Return rows, each moved round to the left by its shift; (w, rows, n) -> (rows, w, n)."""
+    n = values.shape[2]
+    twice = np.concatenate([values, values], axis=2)
+    return np.stack([twice[:, row, k : k + n] for row, k in enumerate((shift % n).tolist())])
 
 
 def _gsd_m(
