@@ -128,6 +128,12 @@ def test_the_plane_mapping_is_the_exact_projection(
     np.testing.assert_allclose(by_plane[near], exact[near], atol=1e-5)
 
 
+def test_what_lies_right_beside_the_camera_gives_no_warning() -> None:
+    level = CameraPose(36.0, -97.0, 5.0, 0.0, 0.0, 0.0, intrinsics_from_hfov(640, 360, 20.0))
+    px = project(np.array([[0.0, 1.4e-305, 0.0]]), level)
+    assert not (np.abs(px) < 1e6).all()
+
+
 @given(poses(pitch_deg=st.floats(-89.0, 0.0)))
 def test_what_lies_behind_the_camera_has_no_pixel(pose: CameraPose) -> None:
     forward = rotation_enu_camera(pose.yaw_deg, pose.pitch_deg, pose.roll_deg)[:, 2]

@@ -135,7 +135,7 @@ def project(points_m: Floats, pose: CameraPose) -> Floats:
     lens = pose.intrinsics
     with np.errstate(over="ignore"):  # of points right beside the camera
         xy = seen[:, :2] / depth[:, None]
-    ideal = xy * [lens.fx_px, lens.fy_px] + [lens.cx_px, lens.cy_px]
+        ideal = xy * [lens.fx_px, lens.fy_px] + [lens.cx_px, lens.cy_px]
     return distort_px(ideal, lens)
 
 
