@@ -43,13 +43,8 @@ def test_why_a_line_cannot_be_opened_is_said_once(tmp_path: Path) -> None:
 def test_a_source_that_is_not_there_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = [
-        "onboard",
-        "--radio",
-        str(tmp_path / "ttyUSB0"),
-        "--duration",
-        "1.5",
-    ]  # two looks: the first may be too early
+    # Sources are looked at once a second: the first look may be before this one was tried.
+    words = ["onboard", "--radio", str(tmp_path / "ttyUSB0"), "--duration", "1.5"]
     assert main([*words, "--lidar", str(tmp_path / "ttyUSB1")]) == 0
     said = capsys.readouterr().err
     assert "ttyUSB1: not heard (" in said
