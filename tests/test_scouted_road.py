@@ -13,7 +13,7 @@ from queuetail.flight import open_flight
 from queuetail.geo.ground import px_to_enu
 from queuetail.mapping import RegisteredMapper, TelemetryMapper
 from queuetail.registrar import STILL, FrameRegistrar
-from queuetail.scouted_road import FoundRoad, SiteRoad, _differs, _turned, _with_old_names
+from queuetail.scouted_road import FoundRoad, SiteRoad, _differs, _is_sure, _turned, _with_old_names
 from queuetail.traffic.alignment import Alignment
 from queuetail.traffic.lane_evidence import NO_MARKS, gather
 from queuetail.traffic.paths import Trajectory
@@ -65,6 +65,7 @@ def alignment(rotation_deg: float, shift_m: float, sigma_m: float = 0.15) -> Ali
         residual_m=0.3,
         vehicles=12,
         marks=20,
+        verges=30,
     )
 
 
@@ -119,6 +120,18 @@ def test_after_a_cut_telemetry_may_be_off_by_something_else() -> None:
     assert mapped(of).pose_sigma.yaw_deg == trusted
 
 
+@pytest.mark.parametrize(("vehicles", "marks"), [(0, 8), (5, 0), (2, 3)])
+def test_few_lines_that_nobody_drives_between_move_nothing(vehicles: int, marks: int) -> None:
+    road = SiteRoad((approach("NB"),), mapper())
+    road._begin(0.0, 0)
+    for sigma_m in (0.15, 0.5):
+        few = alignment(0.0, 3.0, sigma_m)
+        road._take(dataclasses.replace(few, vehicles=vehicles, marks=marks))
+        assert road.alignment is None
+    for enough in ({"vehicles": 0, "marks": 12}, {"vehicles": 1, "marks": 8}):
+        assert _is_sure(dataclasses.replace(alignment(0.0, 3.0), **enough))
+
+
 def test_a_rough_alignment_serves_until_a_sure_one_replaces_it() -> None:
     of = mapper()
     before = px_to_enu(mapped(of), PX)
@@ -132,7 +145,10 @@ def test_a_rough_alignment_serves_until_a_sure_one_replaces_it() -> None:
     assert px_to_enu(mapped(of), PX) == pytest.approx(rough.apply(before), abs=1e-6)
     road._take(alignment(0.0, 5.0, sigma_m=0.5))  # one rough alignment is enough
     assert px_to_enu(mapped(of), PX) == pytest.approx(rough.apply(before), abs=1e-6)
-    # Both are of telemetry's own places: the second is not laid on the first.
+    more = dataclasses.replace(alignment(0.0, 5.0, sigma_m=0.5), vehicles=30, marks=40)
+    road._take(more)  # unless much more agrees on another
+    assert px_to_enu(mapped(of), PX) == pytest.approx(more.apply(before), abs=1e-6)
+    # All are of telemetry's own places: none is laid on another.
     road._take(sure)
     assert not road._watching
     assert px_to_enu(mapped(of), PX) == pytest.approx(sure.apply(before), abs=1e-6)

@@ -26,7 +26,9 @@ from queuetail.vision.lane_lines import LaneLines
 from queuetail.vision.scout import RoadScout
 
 SURE_M, SURE_OF = 0.35, 6  # sigma, and how many vehicles and marks agree
-ROUGH_M = 0.6  # sigma at which a road that lies two of them aside is moved, until one is sure
+LINES_ALONE = 12  # marks: fewer may be gravel, unless somebody drives in the lanes as well
+ROUGH_M = 0.6  # sigma at which a road that lies two of them aside is moved, until one is sure,
+MUCH_MORE = 1.5  # and again once so many times as much agrees
 TRY_EVERY_S = 1.0
 WATCH_S = 45.0  # of traffic, after which nothing new is learnt of the road
 REFINE_AFTER_S = (6.0, 20.0)  # after the road was first found
@@ -51,7 +53,8 @@ class SiteRoad:
         self._moved: tuple[Approach, ...] | None = None  # from the next picture on
         self._mapper = mapper
         self._turned: tuple[str, ...] = ()
-        self._watching, self._is_rough, self._misfit = False, False, 0.0
+        self._watching, self._misfit = False, 0.0
+        self._rough: Alignment | None = None
         self._seen: LaneEvidence | None = None
         self._epoch, self._began_s, self._tried_s = -1, 0.0, 0.0
         self._scout, self._lines = RoadScout(), LaneLines(approaches)
@@ -75,7 +78,7 @@ class SiteRoad:
         self._seen = gather(self._scout.trajectories, self._lines.marks)
         self._turned = _turned(self.approaches, self._seen)
         camera = Camera(*camera_above_ground(told))
-        found = align(self.approaches, self._seen, camera, self._scout.doubt_m)
+        found = align(self.approaches, self._seen, camera, self._scout.doubt_m, self._lines.verges)
         if found is not None:
             self._take(found)
 
@@ -92,7 +95,8 @@ class SiteRoad:
         a = self.alignment
         return (
             *turned,
-            f"{a.marks} pieces of painted lines and {a.vehicles} vehicles show telemetry turned by "
+            f"{a.marks} pieces of painted lines, {a.verges} of the asphalt's ends and {a.vehicles} "
+            f"vehicles show telemetry turned by "
             f"{a.rotation_deg:+.2f}° (± {a.rotation_sigma_deg:.2f}°), tilted by {a.tilt_deg:.2f}° "
             f"and {a.shift_m:+.2f} m (± {a.shift_sigma_m:.2f} m) to the left of the road",
         )
@@ -103,18 +107,22 @@ class SiteRoad:
 
     def _begin(self, t_s: float, epoch: int) -> None:
         """Start to watch: after a cut telemetry may be off by something else."""
-        self._watching, self._is_rough = isinstance(self._mapper, RegisteredMapper), False
+        self._watching, self._rough = isinstance(self._mapper, RegisteredMapper), None
         self._epoch, self._began_s, self._tried_s = epoch, t_s, t_s
         self._scout, self._lines = RoadScout(), LaneLines(self.approaches)
 
     def _take(self, found: Alignment) -> None:
-        """Use what was found once it is sure; before that once, where it surely is an advance."""
+        """Use what was found once it is sure; before that, where it surely is an advance."""
         if _is_sure(found):
             self._accept(found)
             self._watching = False
-        elif not self._is_rough and _is_an_advance(found):
+        elif _is_an_advance(found) and self._says_more(found):
             self._accept(found)
-            self._is_rough = True
+            self._rough = found
+
+    def _says_more(self, found: Alignment) -> bool:
+        """Tell whether much more agrees than did when the road was moved roughly, if it was."""
+        return self._rough is None or _agreeing(found) >= MUCH_MORE * _agreeing(self._rough)
 
     def _accept(self, found: Alignment) -> None:
         """Correct the mapping by what was found, unless it is as good as that already."""
@@ -150,13 +158,22 @@ def _turned(approaches: tuple[Approach, ...], seen: LaneEvidence) -> tuple[str, 
 
 def _is_an_advance(found: Alignment) -> bool:
     """Tell whether the lanes are surely not where telemetry puts them, though not yet where."""
-    enough = found.marks + found.vehicles >= SURE_OF and found.move_sigma_m < ROUGH_M
-    return enough and found.move_m > MIN_SIGMAS * found.move_sigma_m
+    close = _is_enough(found) and found.move_sigma_m < ROUGH_M
+    return close and found.move_m > MIN_SIGMAS * found.move_sigma_m
 
 
 def _is_sure(found: Alignment) -> bool:
     """Tell whether enough was seen well to move the road for it, or to leave it."""
-    return found.marks + found.vehicles >= SURE_OF and found.move_sigma_m < SURE_M
+    return _is_enough(found) and found.move_sigma_m < SURE_M
+
+
+def _is_enough(found: Alignment) -> bool:
+    driven = found.vehicles > 0 or found.marks >= LINES_ALONE
+    return _agreeing(found) >= SURE_OF and driven
+
+
+def _agreeing(found: Alignment) -> int:
+    return found.marks + found.vehicles
 
 
 class FoundRoad:

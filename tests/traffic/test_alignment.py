@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_traffic import drive, opposite, road
+from verge_marks import verges
 
 from queuetail.geo.ground import apply_homography
 from queuetail.traffic.alignment import Alignment, Camera
@@ -17,6 +19,7 @@ from queuetail.traffic.alignment import align as align_to
 from queuetail.traffic.lane_evidence import NO_MARKS, WINDOW_M, LineMarks, gather
 from queuetail.traffic.paths import Trajectory
 from queuetail.traffic.road import locate, place
+from queuetail.traffic.verges import NO_VERGES, Verges
 from queuetail.types import Approach, Floats
 
 CAMERA = Camera(np.array([140.0, -20.0]), 110.0)
@@ -27,8 +30,9 @@ def align(
     seen: Sequence[Trajectory],
     camera: Camera,
     marks: LineMarks = NO_MARKS,
+    beside: Verges = NO_VERGES,
 ) -> Alignment | None:
-    return align_to(approaches, gather(seen, marks), camera)
+    return align_to(approaches, gather(seen, marks), camera, 0.0, beside)
 
 
 def biased(seen: list[Trajectory], yaw_deg: float, shift: tuple[float, float]) -> list[Trajectory]:
@@ -52,6 +56,12 @@ def seen_through(H: Floats, marks: LineMarks) -> LineMarks:
     enu = apply_homography(H, marks.enu)
     course = apply_homography(H, marks.enu + marks.course) - enu
     return LineMarks(enu, course / np.linalg.norm(course, axis=1, keepdims=True))
+
+
+def beside_through(H: Floats, beside: Verges) -> Verges:
+    """Verges as they are seen by a wrong attitude."""
+    seen = seen_through(H, LineMarks(beside.seen.enu, beside.seen.course))
+    return replace(beside, seen=replace(beside.seen, enu=seen.enu, course=seen.course))
 
 
 def paint(
@@ -188,6 +198,43 @@ def test_one_line_alone_may_be_any() -> None:
     found = align([true], (), CAMERA, wrong)
     assert found is not None
     assert found.move_sigma_m > 1.0
+
+
+@pytest.mark.parametrize("radius_m", [math.inf, 300.0])
+def test_the_ends_of_the_asphalt_tell_which_line_it_is(radius_m: float) -> None:
+    rng = np.random.default_rng(3)
+    true = road(radius_m, lanes=2, course_deg=0.0)
+    bias = tilted((0.006, -0.004), 0.8, (1.2, 0.0))
+    marks, beside = paint(true, (2,), rng), verges(true, 0.8, 2.6, rng)
+    wrong = seen_through(bias, marks)
+    alone = align([true], (), CAMERA, wrong)
+    both = align([true], (), CAMERA, wrong, beside_through(bias, beside))
+    assert alone is not None
+    assert both is not None
+    assert np.abs(lateral_after(true, marks, wrong, both)).max() < 0.25
+    assert both.move_sigma_m < 0.5 * alone.move_sigma_m
+    assert both.verges > 0.8 * 2 * len(np.unique(beside.stretch))
+
+
+def test_the_ends_of_the_asphalt_alone_are_no_lanes() -> None:
+    true = road(lanes=2, course_deg=0.0)
+    beside = verges(true, 0.8, 2.6, np.random.default_rng(3))
+    assert align([true], (), CAMERA, NO_MARKS, beside) is None
+
+
+def test_few_vehicles_will_do_where_the_asphalt_ends_on_both_sides() -> None:
+    rng = np.random.default_rng(7)
+    true = road(lanes=2, course_deg=0.0)
+    bias = tilted((0.0, 0.0), 1.0, (1.0, 0.0))
+    seen = drive(true, rng, 3)
+    wrong = [replace(t, enu=apply_homography(bias, t.enu)) for t in seen]
+    marks = seen_through(bias, paint(true, (1,), rng, share=0.15))
+    assert len(marks) < 6
+    assert align([true], wrong, CAMERA, marks) is None
+    found = align([true], wrong, CAMERA, marks, beside_through(bias, verges(true, 0.8, 2.6, rng)))
+    assert found is not None
+    fixed = found.apply(np.concatenate([t.enu for t in wrong]))
+    assert abs(np.median(lateral_errors(true, seen, fixed))) < 0.4
 
 
 def test_lines_do_not_turn_a_road_round() -> None:

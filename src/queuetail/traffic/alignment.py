@@ -1,8 +1,9 @@
 """A site's road and what is seen of it brought together: the bias of telemetry.
 
 Telemetry is off by metres and degrees, and so is everything that is located by it.  Vehicles keep
-to the middles of lanes and paint lies on their edges; the small motion of the camera that puts both
-there is the correction.  Where it could be one lane to the side as well, sigma says so.
+to the middles of lanes, paint lies on their edges, and the asphalt ends as far out all along them;
+the small motion of the camera that puts all of them there is the correction.  Where it could be one
+lane to the side as well, sigma says so.
 """
 
 from __future__ import annotations
@@ -24,11 +25,23 @@ from queuetail.traffic.lane_evidence import (
     turned,
     ways,
 )
+from queuetail.traffic.verges import (
+    NO_VERGES,
+    SHOULDER_M,
+    SHOULDER_SIGMA_M,
+    SIGMA_M,
+    Trials,
+    Verges,
+    beside_cost,
+    misses,
+)
 from queuetail.types import Approach, Floats
 
 MIN_VEHICLES, MIN_MARKS = 4, 6  # of either one or the other
 MIN_AGREEING = 0.6  # of the vehicles that are on the road at all
-MIN_MARKS_AGREEING = 0.55  # the other carriageway and the shoulders have lines of their own
+MIN_MARKS_AGREEING = 0.55  # the other carriageway and the shoulders have lines of their own,
+MARKS_AGREEING_IN_VERGES = 0.3  # fewer will do where the asphalt ends on both sides of the lanes
+MIN_VERGES, MIN_VERGES_AGREEING, VERGE_AGREES_M, FEW = 6, 0.5, 0.3, 4
 MANY_VEHICLES, NEARLY_ALL = 12, 0.85  # of the vehicles
 MIN_WRONG_WAY = 3  # vehicles, for lines to lie on other lanes than they fit
 VEHICLE_AGREES, MARK_AGREES = 0.35, 0.12  # of a lane's width from where it belongs
@@ -41,11 +54,12 @@ SHIFTS_M = np.arange(-9.0, 9.01, 0.3)
 ROTATIONS_DEG = np.arange(-5.0, 5.01, 0.25)
 SAMPLES, SEARCH_SAMPLES = 600, 150  # of each kind, at the most
 SEARCH_VEHICLES = 6.0  # what many vehicles are worth that share a bias
+SHARPEST_M = 0.1  # sigma of where asphalt ends
 ROUNDS = 10
 OTHER_MODE_M = 1.5
 FLOOR_M, FLOOR_DEG = 0.1, 0.05  # what lanes painted and driven are never surer of
 MOST = 0.95  # of the evidence
-TURN, SHIFT, SCALE, TILT, SHARED = 0, slice(1, 3), 3, slice(4, 6), slice(6, 8)
+TURN, SHIFT, SCALE, TILT, SHARED, ENDS = 0, slice(1, 3), 3, slice(4, 6), slice(6, 8), slice(8, None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +85,7 @@ class Alignment:
     residual_m: float  # root mean square of the vehicles' distances to lane centres, after
     vehicles: int  # that agree
     marks: int  # that agree
+    verges: int  # stretches of the asphalt's ends that agree
 
     def apply(self, enu: Floats) -> Floats:
         """Return points corrected, (n, 2) -> (n, 2)."""
@@ -82,20 +97,23 @@ def align(
     everything: LaneEvidence,
     camera: Camera,
     doubt_m: float = 0.0,
+    verges: Verges = NO_VERGES,
 ) -> Alignment | None:
     """Return the motion that brings the evidence to the lanes; None until enough of it agrees.
 
     `doubt_m` is by how much shadows may set all vehicles aside.
     """
     seen = _beside(approaches, everything).thinned(SAMPLES)
-    if seen.vehicles < MIN_VEHICLES and seen.is_mark.sum() < MIN_MARKS:
+    marks = int(seen.is_mark.sum())
+    few = seen.vehicles + marks >= FEW and len(verges) > 0
+    if not few and seen.vehicles < MIN_VEHICLES and marks < MIN_MARKS:
         return None
-    start, modes_m2 = _search(approaches, seen, camera)
+    start, modes_m2 = _search(approaches, seen, verges, camera)
     share_m = float(np.hypot(VEHICLES_SHARE_M, doubt_m))
-    solution, covariance = _refine(approaches, seen, camera, start, share_m)
+    solution, covariance = _refine(approaches, seen, verges, camera, start, share_m)
     if _is_wrong_way(approaches, _moved(everything, solution, camera)):
         return None
-    return _alignment(approaches, seen, camera, solution, covariance, modes_m2)
+    return _alignment(approaches, seen, verges, camera, solution, covariance, modes_m2)
 
 
 def _beside(approaches: Sequence[Approach], seen: LaneEvidence) -> LaneEvidence:
@@ -111,6 +129,7 @@ def _beside(approaches: Sequence[Approach], seen: LaneEvidence) -> LaneEvidence:
 def _alignment(
     approaches: Sequence[Approach],
     seen: LaneEvidence,
+    verges: Verges,
     camera: Camera,
     solution: Floats,
     covariance: Floats,
@@ -123,7 +142,9 @@ def _alignment(
     found = replace(found, miss_m=found.miss_m + J[:, SHARED] @ solution[SHARED])
     vehicles, residual_m = _vehicles_that_agree(seen, found)
     marks = _marks_that_agree(seen, found)
-    if not _is_believable(seen.where(on_it), vehicles, marks):
+    beside = replace(verges, seen=_moved(verges.seen, solution, camera))
+    agreeing, in_verges = _verges_that_agree(approaches, beside, solution[ENDS])
+    if not _is_believable(seen.where(on_it), vehicles, marks, in_verges):
         return None
     J[:, SHARED] = 0.0
     move = ((placed.enu - seen.enu) * found.left).sum(axis=1)[on_it]
@@ -143,15 +164,18 @@ def _alignment(
         residual_m=residual_m,
         vehicles=vehicles,
         marks=marks,
+        verges=agreeing,
     )
 
 
-def _is_believable(on_road: LaneEvidence, vehicles: int, marks: int) -> bool:
+def _is_believable(on_road: LaneEvidence, vehicles: int, marks: int, in_verges: bool) -> bool:
     """Tell whether enough agrees, and of each kind most, where it is more than a few strays."""
     shown = int(on_road.is_mark.sum())
     enough = vehicles >= MIN_VEHICLES or marks >= MIN_MARKS
+    enough |= in_verges and vehicles + marks >= FEW
     most_vehicles = vehicles >= MIN_AGREEING * on_road.vehicles
-    most_marks = shown < MIN_MARKS or marks >= MIN_MARKS_AGREEING * shown
+    least = MARKS_AGREEING_IN_VERGES if in_verges else MIN_MARKS_AGREEING
+    most_marks = shown < MIN_MARKS or marks >= least * shown
     # Lines of other roads and of repairs lie anywhere; so many vehicles in lanes are no chance.
     surely = vehicles >= max(MANY_VEHICLES, NEARLY_ALL * on_road.vehicles)
     return enough and most_vehicles and (most_marks or surely)
@@ -182,8 +206,23 @@ def _marks_that_agree(seen: LaneEvidence, found: Lateral) -> int:
     return int(agree.sum())
 
 
+def _verges_that_agree(
+    approaches: Sequence[Approach], placed: Verges, ends_m: Floats
+) -> tuple[int, bool]:
+    """Return how many stretches end where their side does; whether most of an approach do."""
+    miss, _, _ = misses(approaches, placed, ends_m)
+    nearest = np.isfinite(miss)
+    sides = placed.side[nearest]
+    agree = np.abs(miss[nearest]) < VERGE_AGREES_M
+    by_approach = sides // 2
+    shown = np.bincount(by_approach, minlength=len(approaches))
+    fit = np.bincount(by_approach, agree, minlength=len(approaches))
+    good = (fit >= MIN_VERGES) & (fit >= MIN_VERGES_AGREEING * shown)
+    return int(fit.sum()), bool(good.any())
+
+
 def _search(
-    approaches: Sequence[Approach], seen: LaneEvidence, camera: Camera
+    approaches: Sequence[Approach], seen: LaneEvidence, verges: Verges, camera: Camera
 ) -> tuple[Floats, float]:
     """Try shifts across the road and rotations; -> the best, and the variance by other modes."""
     some = seen.thinned(SEARCH_SAMPLES)
@@ -206,52 +245,81 @@ def _search(
         best = np.where(along, np.minimum(best, cost), best)
     total = best @ weight + (at_foot / SHIFT_SIGMA_M) ** 2
     total += (np.degrees(turn) / ROTATION_SIGMA_DEG) ** 2
+    trials = Trials(np.radians(ROTATIONS_DEG), SHIFTS_M, camera.foot_enu, middle, across)
+    beside, ends = beside_cost(approaches, verges, trials)
+    total += beside.ravel()
     chosen = int(np.argmin(total))
     likelihood = np.exp(-(total - total[chosen]) / 2)
     away = shift - shift[chosen]
     other = np.abs(away) > OTHER_MODE_M
     modes_m2 = float((likelihood * away**2)[other].sum() / likelihood.sum())
-    start = np.zeros(8)
+    start = np.zeros(ENDS.start + 2 * len(approaches))
     start[TURN], start[SHIFT] = turn[chosen], at_foot[chosen] * across
+    start[ENDS] = ends.reshape(len(total), -1)[chosen]
     return start, modes_m2
 
 
 def _refine(
     approaches: Sequence[Approach],
     seen: LaneEvidence,
+    verges: Verges,
     camera: Camera,
     start: Floats,
     share_m: float,
 ) -> tuple[Floats, Floats]:
-    """Gauss–Newton with Huber weights; -> the solution (8,), its covariance."""
-    sigmas = np.empty(8)
+    """Gauss–Newton with Huber weights; -> the solution, its covariance."""
+    sigmas, expected = np.full(len(start), SHOULDER_SIGMA_M), np.zeros(len(start))
+    expected[ENDS] = SHOULDER_M
     sigmas[TURN], sigmas[SHIFT] = np.radians(ROTATION_SIGMA_DEG), SHIFT_SIGMA_M
     sigmas[SCALE], sigmas[TILT], sigmas[SHARED] = SCALE_SIGMA, TILT_SIGMA, share_m
     prior = np.diag(sigmas**-2.0)
     solution, normal = start, prior
+    worth = np.concatenate([seen.weight, verges.seen.weight])
     for n in range(ROUNDS):
-        mark_m = MARK_SIGMA_M[min(n, len(MARK_SIGMA_M) - 1)]
-        placed = _moved(seen, solution, camera)
-        found = lateral(approaches, placed, REACH_M)
-        J = _jacobian(placed, found.left, solution, camera)
-        miss = found.miss_m + J[:, SHARED] @ solution[SHARED]
-        sigma_m = np.where(seen.is_mark, mark_m, _vehicle_sigma_m(miss[~seen.is_mark]))
+        J, miss, sigma_m = _rows(approaches, seen, verges, camera, solution, n)
         used = np.abs(miss) < 4 * sigma_m  # NaN is not
         J, miss = J[used], miss[used]
         weight = np.minimum(1.0, 1.5 * sigma_m[used] / np.maximum(np.abs(miss), 1e-9))
-        weight *= seen.weight[used] / sigma_m[used] ** 2
+        weight *= worth[used] / sigma_m[used] ** 2
         normal = (J * weight[:, None]).T @ J + prior
-        step = np.linalg.solve(normal, -(J * weight[:, None]).T @ miss - prior @ solution)
-        solution = solution + step
+        pull = prior @ (solution - expected)
+        solution = solution - np.linalg.solve(normal, (J * weight[:, None]).T @ miss + pull)
     return solution, np.asarray(np.linalg.inv(normal))
 
 
-def _vehicle_sigma_m(miss_m: Floats) -> float:
-    """Return how well vehicles (n,) keep to their lanes, as they are seen."""
+def _rows(
+    approaches: Sequence[Approach],
+    seen: LaneEvidence,
+    verges: Verges,
+    camera: Camera,
+    solution: Floats,
+    n: int,
+) -> tuple[Floats, Floats, Floats]:
+    """Return what round `n` fits: derivatives (k, parameters), misses and their sigmas (k,)."""
+    placed = _moved(seen, solution, camera)
+    found = lateral(approaches, placed, REACH_M)
+    J = _jacobian(placed, found.left, solution, camera)
+    miss = found.miss_m + J[:, SHARED] @ solution[SHARED]
+    mark_m, verge_m = (s[min(n, len(s) - 1)] for s in (MARK_SIGMA_M, SIGMA_M))
+    vehicle_m = _spread_m(miss[~seen.is_mark], VEHICLE_SIGMA_M)
+    sigma_m = np.where(seen.is_mark, mark_m, vehicle_m)
+    beside = replace(verges, seen=_moved(verges.seen, solution, camera))
+    out_m, left, J_ends = misses(approaches, beside, solution[ENDS])
+    J_beside = _jacobian(beside.seen, left, solution, camera)
+    J_beside[:, ENDS] = J_ends
+    return (
+        np.concatenate([J, J_beside]),
+        np.concatenate([miss, out_m]),
+        np.concatenate([sigma_m, np.full(len(out_m), _spread_m(out_m, SHARPEST_M, verge_m))]),
+    )
+
+
+def _spread_m(miss_m: Floats, least_m: float, most_m: float = np.inf) -> float:
+    """Return how well evidence of one kind (n,) keeps to where it belongs, as it is seen."""
     known = miss_m[np.isfinite(miss_m)]
     if not len(known):
-        return VEHICLE_SIGMA_M
-    return max(VEHICLE_SIGMA_M, MAD_SIGMA * float(np.median(np.abs(known))))
+        return least_m
+    return float(np.clip(MAD_SIGMA * np.median(np.abs(known)), least_m, most_m))
 
 
 def _homography(solution: Floats, camera: Camera) -> Floats:
@@ -277,7 +345,7 @@ def _moved(seen: LaneEvidence, solution: Floats, camera: Camera) -> LaneEvidence
 
 
 def _jacobian(placed: LaneEvidence, left: Floats, solution: Floats, camera: Camera) -> Floats:
-    """Return what moves evidence along `left` (n, 2), to the first order: (n, 8)."""
+    """Return what moves evidence along `left` (n, 2), to the first order: (n, parameters)."""
     arm = placed.enu - camera.foot_enu - solution[SHIFT]
     aside = (arm * left).sum(axis=1)
     shared = np.where(placed.is_mark[:, None], 0.0, left)
@@ -288,6 +356,7 @@ def _jacobian(placed: LaneEvidence, left: Floats, solution: Floats, camera: Came
             aside,
             aside[:, None] * arm / camera.height_m,
             shared,
+            np.zeros((len(placed), len(solution) - ENDS.start)),
         ]
     )
 

@@ -20,7 +20,9 @@ from numpy.typing import NDArray
 from queuetail.geo.ground import enu_to_px
 from queuetail.traffic.lane_evidence import MAD_SIGMA, NO_MARKS, WINDOW_M, LineMarks
 from queuetail.traffic.road import length_m, locate, place
+from queuetail.traffic.verges import Verges, together
 from queuetail.types import Approach, Bools, Floats, GroundMapping, Image, Ints
+from queuetail.vision.road_edges import steps
 
 ALONG_M, ACROSS_M = 0.75, 0.1  # of the grid
 BESIDE_M = 8.0  # of the lanes, as far as telemetry may be off
@@ -76,6 +78,17 @@ class LaneLines:
             np.concatenate([p.enu for p in parts]), np.concatenate([p.course for p in parts])
         )
 
+    @property
+    def verges(self) -> Verges:
+        """Return where the asphalt may end beside the lanes, by the same mappings."""
+        return together(
+            [
+                steps(grid.approach, number, grid.station_m, grid.offset_m, grid.level)
+                for number, grid in enumerate(self._grids or ())
+                if grid is not None and grid.pictures >= MIN_PICTURES
+            ]
+        )
+
 
 class _Grid:
     """Stations by offsets of one approach, and the mean ridge at each."""
@@ -86,6 +99,7 @@ class _Grid:
         self._enu = place(approach, s.ravel(), d.ravel())
         self._sum = np.zeros(s.shape, np.float32)
         self._count = np.zeros(s.shape, np.float32)
+        self._level = np.zeros(s.shape, np.float32)  # sum of brightness
         self.pictures = 0
 
     @classmethod
@@ -116,8 +130,15 @@ class _Grid:
         ridge = self._ridge(seen, mapping)
         inside &= np.isfinite(ridge)
         self._sum += np.where(inside, np.clip(ridge, -STRAY, STRAY), 0.0)
+        self._level += np.where(inside, seen, 0.0)
         self._count += inside
         self.pictures += 1
+
+    @property
+    def level(self) -> Floats:
+        """Return the mean brightness (stations, offsets); NaN where few pictures show it."""
+        seen = self._count > self.pictures / 2
+        return np.where(seen, self._level / np.fmax(self._count, 1), np.nan)
 
     @property
     def length_m(self) -> float:
