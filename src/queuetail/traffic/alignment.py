@@ -40,8 +40,9 @@ from queuetail.types import Approach, Floats
 MIN_VEHICLES, MIN_MARKS = 4, 6  # of either one or the other
 MIN_AGREEING = 0.6  # of the vehicles that are on the road at all
 MIN_MARKS_AGREEING = 0.55  # the other carriageway and the shoulders have lines of their own,
-MARKS_AGREEING_IN_VERGES = 0.3  # fewer will do where the asphalt ends on both sides of the lanes
-MIN_VERGES, MIN_VERGES_AGREEING, VERGE_AGREES_M, FEW = 6, 0.5, 0.3, 4
+MARKS_AGREEING_IN_VERGES = 0.3  # fewer will do where most of the asphalt's ends agree
+MIN_VERGES, MIN_VERGES_AGREEING, VERGE_AGREES_M = 6, 0.5, 0.3  # stretches of an approach
+FEW = 4  # vehicles and marks together, which will do with them
 MANY_VEHICLES, NEARLY_ALL = 12, 0.85  # of the vehicles
 MIN_WRONG_WAY = 3  # vehicles, for lines to lie on other lanes than they fit
 VEHICLE_AGREES, MARK_AGREES = 0.35, 0.12  # of a lane's width from where it belongs

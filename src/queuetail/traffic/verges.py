@@ -7,7 +7,7 @@ asphalt is seen against what lies beside it, and never ends within a lane.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -121,16 +121,14 @@ def together(parts: Sequence[Verges]) -> Verges:
     seen = [p.seen for p in parts]
     return Verges(
         LaneEvidence(
-            *(np.concatenate([getattr(s, f) for s in seen]) for f in LaneEvidence.__slots__)
+            np.concatenate([s.enu for s in seen]),
+            np.concatenate([s.course for s in seen]),
+            np.concatenate([s.owner for s in seen]),
+            np.concatenate([s.weight for s in seen]),
         ),
         np.concatenate([p.side for p in parts]),
         np.concatenate([p.stretch for p in parts]),
     )
-
-
-def moved(verges: Verges, seen: LaneEvidence) -> Verges:
-    """Return verges at other places."""
-    return replace(verges, seen=seen)
 
 
 def _outward(side: int) -> float:
