@@ -102,7 +102,8 @@ def align(
 ) -> Alignment | None:
     """Return the motion that brings the evidence to the lanes; None until enough of it agrees.
 
-    `doubt_m` is by how much shadows may set all vehicles aside.
+    `doubt_m` is by how much shadows may set all vehicles aside; `verges` are where the asphalt may
+    end, by the same mapping as the evidence.
     """
     seen = _beside(approaches, everything).thinned(SAMPLES)
     marks = int(seen.is_mark.sum())

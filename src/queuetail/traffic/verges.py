@@ -78,7 +78,7 @@ def beside_cost(
         drift = lever - at_middle * (left @ trials.across)
         out = sign * (offset + trials.turn[:, None] * drift) - _width_m(approach, side)
         misfit = np.minimum(((out[..., None] - OUT_M) / SIGMA_M[0]) ** 2, WORST)
-        first = np.flatnonzero(np.diff(own.stretch, prepend=-1))
+        first = _starts(own.stretch)
         misfit = np.minimum.reduceat(misfit, first, axis=1)
         agreed = np.einsum("twg,w->tg", misfit, own.seen.weight[first])
         end = OUT_M + sign * trials.shift_m[:, None]
@@ -102,14 +102,14 @@ def misses(
     n = len(verges)
     miss, left, J = np.full(n, np.nan), np.zeros((n, 2)), np.zeros((n, len(ends_m)))
     for side in np.unique(verges.side).tolist():
-        rows = np.flatnonzero(verges.side == side)
+        rows, own = verges.side == side, verges.of(side)
         approach, sign = approaches[side // 2], _outward(side)
-        offset, left[rows], _ = offsets(approach, verges.seen.where(verges.side == side))
-        own = offset - sign * (_width_m(approach, side) + ends_m[side])
-        first = np.flatnonzero(np.diff(verges.stretch[rows], prepend=-1))
-        nearest = np.minimum.reduceat(np.abs(own), first)
-        counts = np.diff([*first, len(rows)])
-        miss[rows] = np.where(np.abs(own) == np.repeat(nearest, counts), own, np.nan)
+        offset, left[rows], _ = offsets(approach, own.seen)
+        away = offset - sign * (_width_m(approach, side) + ends_m[side])
+        first = _starts(own.stretch)
+        nearest = np.minimum.reduceat(np.abs(away), first)
+        counts = np.diff([*first, len(away)])
+        miss[rows] = np.where(np.abs(away) == np.repeat(nearest, counts), away, np.nan)
         J[rows, side] = -sign
     return miss, left, J
 
@@ -129,6 +129,11 @@ def together(parts: Sequence[Verges]) -> Verges:
         np.concatenate([p.side for p in parts]),
         np.concatenate([p.stretch for p in parts]),
     )
+
+
+def _starts(stretch: Ints) -> Ints:
+    """Return where each stretch's places begin, (n,) in order -> (stretches,)."""
+    return np.flatnonzero(np.diff(stretch, prepend=-1))
 
 
 def _outward(side: int) -> float:

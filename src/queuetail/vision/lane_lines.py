@@ -2,7 +2,8 @@
 
 The luma is read on a grid of stations and offsets.  A line is a ridge across the road: brighter
 than what lies on both its sides.  Vehicles pass and shadows have edges but no ridges, so the mean
-over pictures and over a dash and its gap keeps the paint.
+over pictures and over a dash and its gap keeps the paint.  Where the asphalt ends is seen in the
+mean brightness of the same grid (`road_edges`).
 
 Source: Veit et al., Evaluation of road marking feature extraction (2008): of the plain extractors,
 the symmetrical local threshold, which compares with both sides, does best.
@@ -42,7 +43,7 @@ LONG_M, ENOUGH = 36.0, 12  # of road where a short window tells no paint from co
 
 
 class LaneLines:
-    """Gathers ridges beside and in the lanes of the approaches over some seconds."""
+    """Gathers ridges and brightness in the lanes of the approaches and beside, for some seconds."""
 
     def __init__(self, approaches: Sequence[Approach]) -> None:
         self._approaches = tuple(approaches)
@@ -91,7 +92,7 @@ class LaneLines:
 
 
 class _Grid:
-    """Stations by offsets of one approach, and the mean ridge at each."""
+    """Stations by offsets of one approach, and the mean ridge and brightness at each."""
 
     def __init__(self, approach: Approach, station_m: Floats, offset_m: Floats) -> None:
         self.approach, self.station_m, self.offset_m = approach, station_m, offset_m
