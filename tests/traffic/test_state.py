@@ -101,6 +101,14 @@ def test_a_queue_takes_two(rears: list[float], slow: list[int], queued: list[int
     assert found.astype(int).tolist() == queued
 
 
+def test_two_parts_of_one_vehicle_are_no_queue_and_two_side_by_side_are() -> None:
+    slow, nobody = np.ones(2, np.bool_), np.zeros(2, np.bool_)
+    close = vehicles([200.0, 203.0])
+    assert not with_companions(close, slow, nobody).any()
+    beside = dataclasses.replace(close, lane=np.array([1, 2]))
+    assert with_companions(beside, slow, nobody).all()
+
+
 class Watched:
     """A watch and its clock."""
 

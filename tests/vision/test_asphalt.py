@@ -194,6 +194,30 @@ def test_a_bridge_of_the_first_picture_belongs_to_the_scene(level: float) -> Non
     assert (masks.foreign[:, 285:325] > 0).mean() < 0.1
 
 
+def test_a_truck_between_shadows_that_looked_like_a_bridge_leaves_no_ghost() -> None:
+    """Not even if a vehicle that moved is taken to stand there."""
+    film = Film()
+    there = film.road.copy()
+    there[:, 280:330] = 150.0
+    film.show(there, seconds=0.2)
+    protect = no_protection(OF)
+    protect[:, 280:330] = MOVED
+    masks = film.show(seconds=1.5, protect=protect)
+    assert (masks.foreign[:, 285:325][bare(OF)[:, 285:325]] > 0).mean() < 0.2
+
+
+def test_a_layout_that_was_looked_at_briefly_hands_nothing_on() -> None:
+    """A car the colour of asphalt in its first picture would be road ever after."""
+    film, shift, car = Film(), 100, car_box(OF, 1, 300)
+    film.road[car] = 112.0
+    film.show(seconds=1.0)
+    film.background._bare[car] = 255
+    film.band = band(first_column=shift)
+    film.road = np.concatenate([film.road[:, shift:], asphalt(OF, seed=9)[:, :shift]], axis=1)
+    moved = (car[0], slice(car[1].start - shift, car[1].stop - shift))
+    assert share(film.show(plan=2), moved) > 0.6
+
+
 def test_the_road_learnt_is_carried_over_to_a_new_layout() -> None:
     """A stain learnt in one layout is not foreign in the first picture of the next."""
     film = Film()

@@ -69,3 +69,13 @@ def test_what_the_picture_does_not_show_says_nothing_of_the_light() -> None:
     first = first_road(road, OF, PX_PER_M)
     assert first.alike[:, 210:].mean() > 0.95
     assert first.road[:, 210:].mean() == pytest.approx(road[:, 210:].mean(), abs=2)
+
+
+def test_what_covers_both_shoulders_may_be_a_bridge() -> None:
+    road = asphalt(OF)
+    road[:, 280:330] = 150.0
+    first = first_road(road, OF, PX_PER_M)
+    assert first.occluded[285:325].all()
+    assert not first.occluded[:275].any()
+    assert not first.occluded[335:].any()
+    assert first.road[:, 285:325].mean() == pytest.approx(150.0, abs=3.0)

@@ -36,6 +36,7 @@ SLOW_S, FAST_S = 0.95, 0.95  # below or above the speed before a vehicle changes
 RELEASE_FACTOR = 1.25
 JOINING_FACTOR = 1.15  # of the queue speed: from there down a vehicle may be queued in a moment
 COMPANION_M = 60.0
+SHORTEST_M = 3.5  # a car and its gap: what is nearer in one lane is the same vehicle, seen in parts
 BRAKED = 2.0  # from so many times the queue speed: for somebody ahead,
 GAP_M, GAP_S = 3.0, 1.5  # who is no farther than this, and the way driven in that time
 EDGE_M = 4.0  # nearer to the end of what is seen, a queue may go on beyond it
@@ -255,16 +256,15 @@ def step(memory: _Memory, speed_mps: float, t_s: float, queue_speed_mps: float) 
 def with_companions(vehicles: RoadVehicles, slow: Bools, follow_unseen: Bools) -> Bools:
     """Keep the slow vehicles of a queue: those with another one close downstream, and those ones.
 
-    A lone slow vehicle, or one far behind the rest, is not a queue; what those that `follow_unseen`
-    ones (n,) brake for counts as another one.
+    A lone slow vehicle, or one far behind the rest, is not a queue, nor are two parts of one; what
+    the `follow_unseen` ones (n,) brake for counts as another one.
     """
     rows = np.flatnonzero(slow)
     rear: Floats = vehicles.rear_station_m[rows]
-    order = np.argsort(rear)
-    near_ahead = np.diff(rear[order]) <= COMPANION_M
-    kept = np.zeros(len(rows), np.bool_)
-    kept[order[:-1]] |= near_ahead
-    kept[order[1:]] |= near_ahead
+    ahead_m = rear - rear[:, None]
+    is_other = (vehicles.lane[rows] != vehicles.lane[rows][:, None]) | (ahead_m > SHORTEST_M)
+    near = (ahead_m >= 0) & (ahead_m <= COMPANION_M) & is_other
+    kept = near.any(axis=0) | near.any(axis=1)
     kept |= follow_unseen[rows]
     result = np.zeros_like(slow)
     result[rows[kept]] = True

@@ -124,7 +124,9 @@ class RoadBackground:
 
         Road that was seen bare in an earlier layout is kept as it was learnt.
         """
-        image, old = raster.image, self._layout
+        image = raster.image
+        settled = t_s - self._began_s > YOUNG_S
+        old = self._layout if settled else None  # sooner, a vehicle may have been taken for road
         old_road, old_bare = self._road, self._bare
         self._began_s = self._last_s = t_s
         self._road = np.zeros(image.shape, np.float32)
@@ -132,6 +134,7 @@ class RoadBackground:
         self._threshold = np.full(image.shape, MIN_THRESHOLD, np.float32)
         self._covered = np.zeros(image.shape, np.uint8)
         self._bare = np.zeros(image.shape, np.uint8)
+        self._occluded = np.zeros(image.shape, np.bool_)  # in the first picture, perhaps
         self._before = image.copy()
         self._still_s = np.zeros(image.shape, np.float32)
         self._other_s = np.zeros(len(image), np.float32)
@@ -147,6 +150,7 @@ class RoadBackground:
             first = first_road(picture, band, raster.px_per_m)
             self._road[part], self._grain[number] = first.road, first.grain
             self._covered[part] = np.where(first.alike, 0, 255)
+            self._occluded[part] = first.occluded
             if old is not None and old.bands:
                 before, known = carried(old_road, old_bare, old, raster, band)
                 self._keep(part, picture, before, known)
@@ -228,6 +232,8 @@ class RoadBackground:
         stain = free & (unlike < np.minimum(STAIN_SHARE * plain, STAIN_TOLERANCE))
         accepted = (self._still_s >= STILL_S) & stain | (self._still_s >= GHOST_S) & ghost
         accepted &= (look.foreign > 0) & (shade == 0) & (look.protect != MOVED)
+        # What hid the road and has left was no bridge, whatever seems to stand in its place.
+        accepted |= self._occluded & (self._still_s >= CHECK_S) & (unlike < PLAIN_TOLERANCE)
         accepted |= free & (shade > 0) & (self._bare == 0) & (self._still_s >= STILL_SHADE_S)
         self._relearn_rows(image, profiles, dt_s)
         for number, band in enumerate(self._bands):

@@ -29,6 +29,7 @@ class FirstRoad:
     road: Picture  # (rows, columns) its brightness
     alike: Bools  # (rows, columns) where the picture itself shows it
     grain: float  # one sigma of its brightness along a row
+    occluded: Bools  # (columns,) what may be a bridge or gantry, and is taken for part of the scene
 
 
 def first_road(picture: Picture, band: Band, px_per_m: float) -> FirstRoad:
@@ -41,8 +42,9 @@ def first_road(picture: Picture, band: Band, px_per_m: float) -> FirstRoad:
     grain = _grain(even - profile)
     alike = np.abs(even - profile) < max(ALIKE, GRAIN_SIGMAS * grain)
     road = np.where(alike, even, profile)
-    _accept_occluders(road, even, alike)
-    return FirstRoad(road, alike, grain)
+    occluded = _occluded(alike)
+    road[:, occluded] = even[:, occluded]
+    return FirstRoad(road, alike, grain, occluded)
 
 
 def road_profile(picture: Picture, band: Band, px_per_m: float) -> Picture:
@@ -119,10 +121,12 @@ def _evenly_lit(picture: Picture, px_per_m: float) -> Picture:
     return np.asarray(picture / np.clip(light, *LIMITS), np.float32)
 
 
-def _accept_occluders(road: Picture, picture: Picture, alike: Bools) -> None:
-    """Take a bridge or gantry, which also covers both shoulders, for part of the scene."""
+def _occluded(alike: Bools) -> Bools:
+    """Tell in which columns a bridge or gantry, which also covers both shoulders, hides the road.
+
+    A truck between the shadows of trees may look like one.
+    """
     shoulder = max(len(alike) // 8, 1)
     odd = np.logical_not(alike)
     across = (odd[:shoulder].mean(axis=0) > 0.7) & (odd[-shoulder:].mean(axis=0) > 0.7)
-    across &= odd.mean(axis=0) > 0.7
-    road[:, across] = picture[:, across]
+    return np.asarray(across & (odd.mean(axis=0) > 0.7))
