@@ -8,15 +8,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from queuetail.config import CameraOverride, Site
+from queuetail.config import CameraOverride, Site, read_site
 from queuetail.flight import open_flight
 from queuetail.geo.ground import px_to_enu
-from queuetail.mapping import RegisteredMapper, TelemetryMapper
+from queuetail.mapping import RegisteredMapper, TelemetryMapper, site_approaches
 from queuetail.registrar import STILL, FrameRegistrar
-from queuetail.scouted_road import FoundRoad, SiteRoad, _differs, _is_sure, _turned, _with_old_names
+from queuetail.scouted_road import (
+    FoundRoad,
+    SiteRoad,
+    _differs,
+    _is_sure,
+    _turned,
+    _wait_s,
+    _with_old_names,
+)
 from queuetail.traffic.alignment import Alignment
 from queuetail.traffic.lane_evidence import NO_MARKS, gather
 from queuetail.traffic.paths import Trajectory
+from queuetail.traffic.road import locate
 from queuetail.types import (
     Approach,
     Frame,
@@ -199,10 +208,11 @@ def test_telemetry_that_was_far_off_is_trusted_less() -> None:
         ([approach("a", offset_m=0.2)], False),
         ([approach("a", offset_m=1.5)], True),
         ([approach("a", lanes=3)], True),
-        ([approach("a", length_m=330.0)], False),
+        ([approach("a", length_m=328.0)], False),
         ([approach("a", length_m=500.0)], True),
         ([approach("a", length_m=340.0)], True),  # 20 m more upstream
-        ([Approach("a", np.array([[-150.0, 0.0], [190.0, 0.0]]), 0.0, 2, 3.5)], False),
+        ([Approach("a", np.array([[-150.0, 0.0], [164.0, 0.0]]), 0.0, 2, 3.5)], False),
+        ([Approach("a", np.array([[-150.0, 0.0], [166.0, 0.0]]), 0.0, 2, 3.5)], True),
         ([approach("a", back=True)], True),
         ([approach("a"), approach("b", offset_m=12.0, back=True)], True),
     ],
@@ -233,7 +243,28 @@ def test_nothing_is_found_where_nothing_moves() -> None:
     assert road.approaches == ()
 
 
-def test_the_bundled_flights_road_is_found_within_20_s(flagger: Path) -> None:
+def test_lines_are_looked_for_in_one_place_long_enough() -> None:
+    road = FoundRoad()
+    here, there = (approach("a"),), (approach("b", offset_m=3.0),)
+    road._aim((), 1.0)
+    assert road._aim_at == ()
+    road._aim(here, 2.0)
+    lines = road._lines
+    road._aim(there, 3.0)
+    assert road._lines is lines
+    road._aim(there, 4.5)
+    assert road._lines is not lines
+    assert road._aim_at is there
+    road._begin_anew(1)
+    assert road._aim_at == ()
+
+
+@pytest.mark.parametrize(("known_s", "wait_s"), [(-np.inf, 0.5), (0.0, 2.0), (5.0, 2.0), (40.0, 8)])
+def test_refinements_become_rare(known_s: float, wait_s: float) -> None:
+    assert _wait_s(known_s) == pytest.approx(wait_s)
+
+
+def test_the_bundled_flights_road_is_found_within_12_s_to_a_decimetre(flagger: Path) -> None:
     """Two lanes, southbound."""
     with open_flight(flagger / "flight.mp4", flagger / "telemetry.csv", Site()) as flight:
         size = flight.video.width_px, flight.video.height_px
@@ -246,7 +277,7 @@ def test_the_bundled_flights_road_is_found_within_20_s(flagger: Path) -> None:
         )
         done_s = -1.0
         for frame in flight.frames():
-            if road.approaches or frame.t_s > 20.0:
+            if frame.t_s > 12.0:
                 break
             if frame.t_s - done_s < 0.11:
                 continue
@@ -258,6 +289,11 @@ def test_the_bundled_flights_road_is_found_within_20_s(flagger: Path) -> None:
             road.look(frame, mapping, registration)
     (found,) = road.approaches
     assert found.lanes == 2
+    (true,) = site_approaches(read_site(flagger / "site.toml"), flight.origin)
+    station, offset, _ = locate(true, found.axis_enu)
+    seen = (station > 760.0) & (station < 1040.0)
+    assert np.abs(offset[seen]).max() < 0.15
+    assert found.lane_width_m == pytest.approx(true.lane_width_m, abs=0.05)
     assert found.lane_width_m == pytest.approx(3.6, abs=0.4)
     ahead = found.axis_enu[-1] - found.axis_enu[0]
     assert ahead[1] < -abs(ahead[0])

@@ -10,7 +10,7 @@ from queuetail.geo.ground import apply_homography
 from queuetail.mapping import SETTLE_S, FixedMapper, RegisteredMapper, uncorrected
 from queuetail.traffic.alignment import MOST, Alignment, Camera, align
 from queuetail.traffic.carriageways import discover
-from queuetail.traffic.lane_evidence import LaneEvidence, gather, turned, ways
+from queuetail.traffic.lane_evidence import NO_MARKS, LaneEvidence, gather, turned, ways
 from queuetail.traffic.road import assign, length_m, locate
 from queuetail.types import (
     Approach,
@@ -31,11 +31,13 @@ ROUGH_M = 0.6  # sigma at which a road that lies two of them aside is moved, unt
 MUCH_MORE = 1.5  # and again once so many times as much agrees
 TRY_EVERY_S = 1.0
 WATCH_S = 45.0  # of traffic, after which nothing new is learnt of the road
-REFINE_AFTER_S = (6.0, 20.0)  # after the road was first found
+# Between tries while no road is known, and afterwards: so long, or a share of the time since.
+TRY_SOON_S, REFINE_S, REFINE_LATER = 0.5, 2.0, 0.2
+AIM_EVERY_S = 2.0
 MIN_MOVE_M, MIN_SIGMAS = 0.4, 2.0  # smaller misalignments are left alone
 TURNED_BY, TURNED_BESIDE_M = 4, 8.0  # vehicles that drive against an approach or beside it
 MIN_AXIS_CHANGE_M = 0.5
-MIN_LONGER_M = 15.0, 60.0  # upstream, where queues end, and downstream
+MIN_LONGER_M = 15.0  # at either end
 
 
 class SiteRoad:
@@ -177,15 +179,14 @@ def _agreeing(found: Alignment) -> int:
 
 
 class FoundRoad:
-    """Approaches discovered from the first vehicles, refined as more pass."""
+    """Approaches discovered from the first vehicles, refined as more pass and as lines are seen."""
 
     def __init__(self) -> None:
         self.approaches: tuple[Approach, ...] = ()
-        self._scout = RoadScout()
         self._found_s: float | None = None
-        self._tried_s = 0.0
-        self._refinements = 0
-        self._epoch = 0
+        self._epoch, self._tried_s, self._aimed_s = 0, 0.0, -np.inf
+        self._aim_at: tuple[Approach, ...] = ()
+        self._scout, self._lines, self._marks = RoadScout(), LaneLines(()), NO_MARKS
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -194,29 +195,46 @@ class FoundRoad:
         return (f"the road was found from the traffic: {found}",) if found else ()
 
     def look(self, frame: Frame, mapping: GroundMapping, registration: Registration) -> None:
-        """Watch the traffic until the road is known, and a little longer."""
+        """Watch the traffic until the road is known, and a while longer."""
         if registration.epoch != self._epoch:
-            self._epoch, self._scout = registration.epoch, RoadScout()
-        if self._refinements >= len(REFINE_AFTER_S):
+            self._begin_anew(registration.epoch)
+        known_s = -np.inf if self._found_s is None else frame.t_s - self._found_s
+        if known_s > WATCH_S:
             return
         self._scout.update(frame.luma, mapping, registration.H_ref_frame, frame.t_s)
-        wait_s = TRY_EVERY_S
-        if self._found_s is not None:
-            wait_s = self._found_s + REFINE_AFTER_S[self._refinements] - self._tried_s
-        if frame.t_s - self._tried_s < wait_s:
+        self._lines.update(frame.luma, mapping, frame.t_s)
+        if frame.t_s - self._tried_s < _wait_s(known_s):
             return
         self._tried_s = frame.t_s
-        found = discover(self._scout.trajectories)
-        if not self.approaches and found:
-            self._found_s, self.approaches = frame.t_s, found
-        elif self._found_s is not None:
-            self._refinements += 1
-            if found and _differs(self.approaches, found):
-                self.approaches = _with_old_names(found, self.approaches)
+        marks = self._lines.marks
+        if len(marks) > len(self._marks) / 2:
+            self._marks = marks
+        seen, doubt_m = self._scout.trajectories, self._scout.doubt_m
+        found = discover(seen, self._marks, doubt_m, self.approaches)
+        if found and _differs(self.approaches, found):
+            self._found_s = frame.t_s if self._found_s is None else self._found_s
+            self.approaches = _with_old_names(found, self.approaches)
+        self._aim(self.approaches or discover(seen, suspect=True), frame.t_s)
+
+    def _begin_anew(self, epoch: int) -> None:
+        """Forget what was seen before a cut; the road that was found stays until another is."""
+        self._epoch, self._aim_at, self._aimed_s = epoch, (), -np.inf
+        self._scout, self._lines, self._marks = RoadScout(), LaneLines(()), NO_MARKS
+
+    def _aim(self, approaches: tuple[Approach, ...], t_s: float) -> None:
+        """Look for lines along the road, or where it may be; long enough before elsewhere."""
+        if approaches and approaches is not self._aim_at and t_s - self._aimed_s > AIM_EVERY_S:
+            self._aim_at, self._aimed_s = approaches, t_s
+            self._lines = LaneLines(approaches)
 
     def locate(self, tracks: Tracks) -> RoadVehicles:
         """Return the tracks on the approaches."""
         return assign(tracks, self.approaches)
+
+
+def _wait_s(known_s: float) -> float:
+    """Return how long to wait for more traffic when the road has been known for so long."""
+    return TRY_SOON_S if known_s < 0 else max(REFINE_S, REFINE_LATER * known_s)
 
 
 def _differs(old: tuple[Approach, ...], new: tuple[Approach, ...]) -> bool:
@@ -230,7 +248,7 @@ def _differs(old: tuple[Approach, ...], new: tuple[Approach, ...]) -> bool:
         station, offset, _ = locate(match, approach.axis_enu)
         before_m = match.start_station_m - float(station[0])
         beyond_m = float(station[-1]) - match.start_station_m - length_m(match)
-        longer = before_m > MIN_LONGER_M[0] or beyond_m > MIN_LONGER_M[1]
+        longer = max(before_m, beyond_m) > MIN_LONGER_M
         if longer or float(np.median(np.abs(offset))) > MIN_AXIS_CHANGE_M:
             return True
     return False

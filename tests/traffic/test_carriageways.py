@@ -10,7 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_traffic import drive, opposite, road, strays
 
-from queuetail.traffic.carriageways import ONWARD_M, Trajectory, _lengthened, discover
+from queuetail.traffic.axis_ends import LINED_ONWARD_M, ONWARD_M
+from queuetail.traffic.carriageways import Trajectory, discover
+from queuetail.traffic.lane_evidence import LineMarks
 from queuetail.traffic.road import locate, place
 from queuetail.types import Approach
 
@@ -79,24 +81,6 @@ def test_ramp_is_an_approach_from_where_it_diverges() -> None:
     assert locate(main, found[1].axis_enu[:1])[0][0] > 120.0
 
 
-def test_a_ramp_does_not_go_on_into_the_road_that_it_joins() -> None:
-    main = road(length_m=300.0, lanes=2)
-    s = np.arange(0.0, 201.0, 2.0)
-    ramp = Approach("ramp", place(main, s, -3.0 - 0.05 * (200.0 - s)), 0.0, 1)
-    longer = [locate(main, a.axis_enu[[0, -1]])[0] for a in _lengthened([main, ramp])]
-    assert longer[0] == pytest.approx([-ONWARD_M, 300.0 + ONWARD_M], abs=1.0)
-    assert longer[1] == pytest.approx([-ONWARD_M, 200.0], abs=1.0)
-
-
-@pytest.mark.parametrize("median_m", [0.5, 6.0])
-def test_carriageways_side_by_side_both_go_on_at_both_ends(median_m: float) -> None:
-    main = road(length_m=200.0, lanes=2)
-    both = _lengthened([main, opposite(main, median_m)])
-    for approach, longer in zip((main, opposite(main, median_m)), both, strict=True):
-        ends = locate(approach, longer.axis_enu[[0, -1]])[0]
-        assert ends == pytest.approx([-ONWARD_M, 200.0 + ONWARD_M], abs=1.0)
-
-
 def test_lane_beyond_a_wide_gap_is_another_approach() -> None:
     rng = np.random.default_rng(3)
     near, far = road(lanes=2), road(lanes=2)
@@ -121,6 +105,63 @@ def test_is_not_sure_with_too_little() -> None:
     assert discover(drive(true, rng, 6, from_to_m=(0.0, 12.0))) == ()
     assert discover(strays(rng, 12, true.axis_enu)) == ()
     assert len(discover(drive(true, rng, 3, from_to_m=(0.0, 60.0)))) == 1
+
+
+def painted(true: Approach, from_to_m: tuple[float, float] = (0.0, 250.0)) -> LineMarks:
+    """Both edge lines, every twelve metres."""
+    s = np.arange(from_to_m[0] + 6.0, from_to_m[1], 12.0)
+    rng = np.random.default_rng(1)
+    right_m = -true.lanes * true.lane_width_m
+    enu = [place(true, s, np.full(len(s), o) + rng.normal(0, 0.05, len(s))) for o in (0.0, right_m)]
+    both = np.concatenate(enu)
+    return LineMarks(both, locate(true, both)[2])
+
+
+@pytest.mark.parametrize("radius_m", [math.inf, 400.0, -400.0])
+def test_two_short_trajectories_between_lines_show_a_road_to_a_decimetre(radius_m: float) -> None:
+    rng = np.random.default_rng(8)
+    true = road(radius_m, width_m=3.6)
+    seen = [
+        *drive(true, rng, 2, noise_m=0.3, from_to_m=(60.0, 95.0)),
+        *drive(true, rng, 1, noise_m=0.3, from_to_m=(100.0, 118.0)),
+    ]
+    assert discover(seen[:2]) == ()
+    (found,) = discover(seen, painted(true))
+    assert_same_road(found, true, lateral_m=0.2)
+    assert found.lane_width_m == pytest.approx(3.6, abs=0.06)
+
+
+def test_an_axis_follows_lines_beyond_the_traffic_and_onward() -> None:
+    true = road(-600.0, length_m=400.0)
+    seen = drive(true, np.random.default_rng(1), 10, from_to_m=(150.0, 250.0))
+    lined = painted(true, (100.0, 312.0))
+    (found,) = discover(seen, lined)
+    station, offset, _ = locate(true, found.axis_enu)
+    assert station[[0, -1]] == pytest.approx(
+        [106.0 - LINED_ONWARD_M, 306.0 + LINED_ONWARD_M], abs=9
+    )
+    assert np.abs(offset).max() < 1.0
+    # A line that begins again after a long gap is another road's.
+    apart = LineMarks(lined.enu + 300.0 * lined.course, lined.course)
+    (alone,) = discover(seen, apart)
+    assert locate(true, alone.axis_enu)[0][-1] == pytest.approx(250.0 + ONWARD_M, abs=9.0)
+
+
+def test_a_road_may_be_suspected_long_before_it_is_sure() -> None:
+    true = road(lanes=1)
+    seen = drive(true, np.random.default_rng(2), 1, noise_m=0.2, from_to_m=(100.0, 118.0))
+    assert discover(seen) == ()
+    (suspected,) = discover(seen, suspect=True)
+    assert_same_road(suspected, true, lateral_m=3.0)
+
+
+def test_what_was_known_of_a_road_steadies_it() -> None:
+    """Where few vehicles creep, their own courses say little."""
+    rng = np.random.default_rng(9)
+    true = road(300.0, width_m=3.6)
+    seen = drive(true, rng, 3, noise_m=0.7, from_to_m=(100.0, 122.0))
+    (found,) = discover(seen, painted(true), known=(true,))
+    assert_same_road(found, true, lateral_m=0.2)
 
 
 def test_standing_vehicles_and_gaps_do_no_harm() -> None:

@@ -9,21 +9,25 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
+from queuetail.traffic.axis_ends import AXIS_POINT_M, LINED_ONWARD_M, lengthened, spanned
 from queuetail.traffic.centreline import (
     TRACED_BEND_M,
     UNIFORM_BEND_M,
+    Kept,
     fit,
     onward,
     resample,
     shift_aside,
+    together,
     trace,
     uniform,
 )
 from queuetail.traffic.discovery import course_name
+from queuetail.traffic.lane_evidence import NO_MARKS, LineMarks
 from queuetail.traffic.lanes import IN_LANE, Lanes, fit_lanes
 from queuetail.traffic.paths import Samples, Trajectory, extent_m, sample
 from queuetail.traffic.road import length_m, locate
@@ -31,7 +35,7 @@ from queuetail.types import Approach, Bools, Floats, Ints
 
 __all__ = ["Trajectory", "discover"]
 
-MIN_MOVED_M = 20.0
+MIN_MOVED_M, LEAST_MOVED_M = 20.0, 10.0  # the latter along lines, or to suspect a road
 MIN_VEHICLES = 3
 MIN_TOTAL_M = 150.0  # of two vehicles together: as good as a third one
 REACH_ASIDE_M = 25.0  # of the trace: who may be on the same carriageway
@@ -39,10 +43,15 @@ SAME_WAY_COS = float(np.cos(np.radians(25.0)))
 VOTE_SAMPLES = 5  # a vehicle's mean offset over these is one vote for a lane
 MAX_DRIFT = 0.08  # metres aside per metre along: more is a change of lanes or another course
 LANE_KEEPING_M = 0.3
+NOISE_M, LINE_NOISE_M = 0.5, 0.15  # of a vehicle's place across the road, and of a mark
+LINE_KEEPING_M, LINE_FITS_M = 0.05, 0.5  # of a line along the road, and how near an edge it lies
+MIN_LINES = 12  # marks on the edges of lanes, for two vehicles to be enough
+# How far the ends of a curve may be off, turned and bent, and how closely lines then gather.
+TURNS_M, SAGS_M = np.arange(-8.0, 8.1, 0.25), np.arange(-4.0, 4.1, 0.5)
+LINE_BIN_M, UNTURNED = 0.2, 0.03
+FIT_ROUNDS = 3
 MISFIT_RATIO, MISFIT_M = 1.1, 0.02  # a plain curve may fit so much worse than a traced one
 FREE_M = 10.0  # an offset before anything is known of it
-AXIS_POINT_M = 15.0
-ONWARD_M = 45.0  # beyond the traffic that was seen
 MAX_SEEDS = 60
 
 
@@ -50,6 +59,18 @@ MAX_SEEDS = 60
 class _Found:
     approach: Approach
     way_m: float  # that all vehicles on it went
+    onward_m: tuple[float, float]  # how far it goes on before its first point, and after its last
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """What a carriageway is found from, beside the vehicles that none explains yet."""
+
+    owners: int  # trajectories, of which samples are
+    lines: LineMarks
+    doubt_m: float
+    known: Sequence[Approach]  # roads that were found before
+    suspect: bool  # rather than be sure
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,31 +82,40 @@ class _Votes:
     vote: Ints  # (n,)
 
 
-def discover(trajectories: Sequence[Trajectory]) -> tuple[Approach, ...]:
+def discover(
+    trajectories: Sequence[Trajectory],
+    lines: LineMarks = NO_MARKS,
+    doubt_m: float = 0.0,
+    known: Sequence[Approach] = (),
+    suspect: bool = False,
+) -> tuple[Approach, ...]:
     """Return the carriageways that the vehicles used, most traffic first; () until it is sure.
 
-    Sure means three vehicles that moved 20 m the same way, or two with 150 m together.  An axis
-    spans where traffic was seen and a bit onward, as far as no other lies there; a ramp is an
-    approach of its own from where it diverges.
+    Sure means three vehicles that moved 20 m the same way, or two with 150 m together, or two that
+    moved 10 m between painted lines.  An axis spans where traffic or its lines were seen and a bit
+    onward, as far as no other lies there; a ramp is an approach of its own from where it diverges.
+    `doubt_m` is how far aside shadows may set all vehicles, `known` what was found before; to
+    `suspect` a road, one vehicle that moved 10 m is enough.
     """
     free = sample(trajectories)
+    seen = _Seen(len(trajectories), lines, doubt_m, known, suspect)
     found: list[_Found] = []
     for _ in range(MAX_SEEDS):
-        extents = extent_m(free, len(trajectories))
-        if not len(extents) or extents.max() < MIN_MOVED_M:
+        extents = extent_m(free, seen.owners)
+        if not len(extents) or extents.max() < LEAST_MOVED_M:
             break
         seed = int(np.argmax(extents))
-        carriageway = _carriageway(free, seed, len(trajectories))
+        carriageway = _carriageway(free, seed, seen)
         taken = free.owner == seed
         if carriageway is not None:
             found.append(carriageway)
             taken |= _explained(free, carriageway.approach)
         free = _whole_runs(free, ~taken)
     found.sort(key=lambda f: -f.way_m)
-    return _named(_lengthened([f.approach for f in found]))
+    return _named(lengthened([f.approach for f in found], [f.onward_m for f in found]))
 
 
-def _carriageway(free: Samples, seed: int, owners: int) -> _Found | None:
+def _carriageway(free: Samples, seed: int, seen: _Seen) -> _Found | None:
     """Find the carriageway that one trajectory is on, if enough others went its way."""
     path = free.where(free.owner == seed)
     middle = len(path) // 2
@@ -93,32 +123,45 @@ def _carriageway(free: Samples, seed: int, owners: int) -> _Found | None:
     if len(curve) < 3:
         return None
     near = free.where(_beside(free, curve))
-    if not _sure(near, owners):
+    if not _sure(near, seen, MIN_LINES):
         return None
     curve, bend_m = _simplest(curve, near)
-    members = near
-    for _ in range(2):
+    known = [a.axis_enu for a in seen.known if _is_along(a, path)]
+    curve = _along_lines([_both_ways(curve), *known], seen.lines)
+    near = free.where(_beside(free, curve))
+    members, lines = near, NO_MARKS
+    for _ in range(FIT_ROUNDS):
         votes = _votes(near, curve)
         if not len(votes.offset_m):
             return None
-        lanes = fit_lanes(votes.offset_m, votes.owner)
-        lane = lanes.index(votes.offset_m)
-        fits = np.abs(votes.offset_m - lanes.centres_m[lane]) < lanes.width_m / 2
-        used = (votes.vote >= 0) & fits[votes.vote]
+        lines, line_m = _lines_along(seen.lines, curve)
+        lanes = fit_lanes(votes.offset_m, votes.owner, line_m, seen.doubt_m)
+        on_edge = np.abs(line_m[:, None] - lanes.edges_m).min(axis=1) < LINE_FITS_M
+        lines, line_m = lines.where(on_edge), line_m[on_edge]
+        lane = lanes.index(votes.offset_m - lanes.aside_m)
+        miss = votes.offset_m - lanes.aside_m - lanes.centres_m[lane]
+        used = (votes.vote >= 0) & (np.abs(miss) < lanes.width_m / 2)[votes.vote]
         members = near.where(used)
-        if not _sure(members, owners):
+        if not _sure(members, seen, len(lines)):
             return None
-        curve = _fit_to_lanes(curve, members, votes, used, lanes, bend_m)
-    lanes = _lanes_of(members, curve, lanes)
-    axis = _spanned(resample(shift_aside(curve, lanes.left_edge_m), AXIS_POINT_M), members)
+        kept = together((_in_lanes(members, votes, used, lanes), _on_edges(lines, line_m, lanes)))
+        curve = fit(curve, kept, bend_m)[0]
+    lanes = _lanes_of(members, seen, curve, lanes)
+    edge = resample(shift_aside(curve, lanes.left_edge_m), AXIS_POINT_M)
+    axis, onward_m = spanned(edge, members, lines)
     approach = Approach("", axis, 0.0, lanes.count, lanes.width_m)
-    return _Found(approach, float(extent_m(members, owners).sum()))
+    return _Found(approach, float(extent_m(members, seen.owners).sum()), onward_m)
 
 
-def _sure(samples: Samples, owners: int) -> bool:
-    extents = extent_m(samples, owners)
-    moved = extents[extents >= MIN_MOVED_M]
-    return len(moved) >= MIN_VEHICLES or (len(moved) == 2 and float(moved.sum()) >= MIN_TOTAL_M)
+def _sure(samples: Samples, seen: _Seen, lines: int) -> bool:
+    """Tell whether enough vehicles went here, beside so many marks of lines."""
+    extents = extent_m(samples, seen.owners)
+    far, some = extents[extents >= MIN_MOVED_M], int((extents >= LEAST_MOVED_M).sum())
+    if seen.suspect:
+        return some > 0
+    between = some >= 2 and len(seen.lines) > 0 and lines >= MIN_LINES
+    together_m = float(far.sum()) if len(far) == 2 else 0.0
+    return len(far) >= MIN_VEHICLES or together_m >= MIN_TOTAL_M or between
 
 
 def _simplest(curve: Floats, near: Samples) -> tuple[Floats, float]:
@@ -127,34 +170,99 @@ def _simplest(curve: Floats, near: Samples) -> tuple[Floats, float]:
     Returns the curve, and how much it may still bend.
     """
     group = np.unique(near.owner, return_inverse=True)[1]
-    mean_m, sigma_m = np.zeros(group.max() + 1), np.full(group.max() + 1, FREE_M)
-    plain, plain_m = fit(uniform(curve), near, group, mean_m, sigma_m, UNIFORM_BEND_M)
-    traced, traced_m = fit(curve, near, group, mean_m, sigma_m, TRACED_BEND_M)
+    n = group.max() + 1
+    noise_m = np.full(len(near), NOISE_M)
+    kept = Kept(near.enu, group, noise_m, np.zeros(n), np.full(n, FREE_M))
+    plain, plain_m = fit(uniform(curve), kept, UNIFORM_BEND_M)
+    traced, traced_m = fit(curve, kept, TRACED_BEND_M)
     if plain_m < traced_m * MISFIT_RATIO + MISFIT_M:
         return plain, UNIFORM_BEND_M
     return traced, TRACED_BEND_M
 
 
-def _fit_to_lanes(
-    curve: Floats, members: Samples, votes: _Votes, used: Bools, lanes: Lanes, bend_m: float
-) -> Floats:
-    """Fit the curve with every vehicle held near the centre of the lane that it is in.
+def _both_ways(curve: Floats) -> Floats:
+    """Return a curve that goes on at both ends as it ends there."""
+    before, beyond = (onward(c, LINED_ONWARD_M, AXIS_POINT_M) for c in (curve[::-1], curve))
+    return np.concatenate([before[::-1], curve, beyond])
+
+
+def _in_lanes(members: Samples, votes: _Votes, used: Bools, lanes: Lanes) -> Kept:
+    """Return every vehicle, held near the centre of the lane that it is in.
 
     One that keeps between two lanes, as merged vehicles do, is held by nothing.
     """
-    lane = lanes.index(votes.offset_m)
+    offset_m = votes.offset_m - lanes.aside_m
+    lane = lanes.index(offset_m)
     vote = votes.vote[used]
     pairs, group = np.unique(members.owner * lanes.count + lane[vote], return_inverse=True)
     centre = lanes.centres_m[pairs % lanes.count]
-    miss = np.bincount(group, votes.offset_m[vote]) / np.bincount(group) - centre
+    miss = np.bincount(group, offset_m[vote]) / np.bincount(group) - centre
     sigma_m = np.where(np.abs(miss) < IN_LANE * lanes.width_m, LANE_KEEPING_M, FREE_M)
-    return fit(curve, members, group, centre, sigma_m, bend_m)[0]
+    noise_m = np.full(len(members), NOISE_M)
+    return Kept(members.enu, group, noise_m, centre + lanes.aside_m, sigma_m)
 
 
-def _lanes_of(members: Samples, curve: Floats, lanes: Lanes) -> Lanes:
+def _on_edges(lines: LineMarks, line_m: Floats, lanes: Lanes) -> Kept:
+    """Return the marks of lines on the lanes' edges, held there."""
+    edge = np.abs(line_m[:, None] - lanes.edges_m).argmin(axis=1)
+    sigma_m = np.full(len(lanes.edges_m), LINE_KEEPING_M)
+    return Kept(lines.enu, edge, np.full(len(lines), LINE_NOISE_M), lanes.edges_m, sigma_m)
+
+
+def _lines_along(lines: LineMarks, curve: Floats) -> tuple[LineMarks, Floats]:
+    """Return the marks that lie along a curve, and their offsets from it."""
+    along = Approach("", curve)
+    station, offset, course = locate(along, lines.enu)
+    inside = (station > 0.0) & (station < length_m(along))
+    parallel = np.abs((course * lines.course).sum(axis=1)) > SAME_WAY_COS
+    near = inside & parallel & (np.abs(offset) < REACH_ASIDE_M)
+    return lines.where(near), offset[near]
+
+
+def _is_along(approach: Approach, path: Samples) -> bool:
+    """Tell whether a vehicle went beside an approach, its way."""
+    return bool(_beside(path, approach.axis_enu).mean() > 0.5)
+
+
+def _along_lines(curves: Sequence[Floats], lines: LineMarks) -> Floats:
+    """Return one of the curves, turned and bent until the marks beside it gather closest.
+
+    A few short trajectories say less well than lines how the road runs.
+    """
+    tried = [_gathered(curve, lines) for curve in curves]
+    return max(tried, key=lambda t: t[0])[1]
+
+
+def _gathered(curve: Floats, lines: LineMarks) -> tuple[float, Floats]:
+    """Return how closely marks beside a curve gather, and the curve turned and bent for that."""
+    lines, offset = _lines_along(lines, curve)
+    if len(lines) < MIN_LINES:
+        return 0.0, curve
+    legs = np.linalg.norm(np.diff(curve, axis=0), axis=1)
+    middle_m = float(legs.sum()) / 2
+    at = np.concatenate([[0.0], np.cumsum(legs)]) / middle_m - 1
+    along = locate(Approach("", curve), lines.enu)[0] / middle_m - 1
+    ends, sags = (g.ravel() for g in np.meshgrid(TURNS_M, SAGS_M, indexing="ij"))
+    moved = offset - ends[:, None] * along - sags[:, None] * (along**2 - 0.5)
+    bins = np.floor(moved / LINE_BIN_M).astype(np.int64)
+    bins -= bins.min()
+    width = int(bins.max()) + 2
+    rows = np.arange(len(ends))[:, None] * width
+    counts = np.bincount((rows + bins).ravel(), minlength=len(ends) * width)
+    counts = counts.reshape(-1, width)
+    near = counts[:, :-1] + counts[:, 1:]  # a line may lie on the border of two bins
+    closeness = (near**2).sum(axis=1) / len(lines) - UNTURNED * (np.abs(ends) + np.abs(sags))
+    best = int(np.argmax(closeness))
+    return float(closeness[best]), shift_aside(curve, ends[best] * at + sags[best] * (at**2 - 0.5))
+
+
+def _lanes_of(members: Samples, seen: _Seen, curve: Floats, lanes: Lanes) -> Lanes:
     """Return the lanes again, on the fitted curve."""
     votes = _votes(members, curve)
-    return fit_lanes(votes.offset_m, votes.owner) if len(votes.offset_m) else lanes
+    if not len(votes.offset_m):
+        return lanes
+    line_m = _lines_along(seen.lines, curve)[1]
+    return fit_lanes(votes.offset_m, votes.owner, line_m, seen.doubt_m)
 
 
 def _beside(samples: Samples, curve: Floats) -> Bools:
@@ -184,55 +292,6 @@ def _votes(samples: Samples, curve: Floats) -> _Votes:
                 means.append(float(sorted(offset[rows])[len(rows) // 2]))
                 owners.append(int(samples.owner[first]))
     return _Votes(np.array(means), np.array(owners, np.int64), vote)
-
-
-def _spanned(axis: Floats, members: Samples) -> Floats:
-    """Cut the axis to, or lengthen it straight to, where two of its vehicles were seen."""
-    station, _, _ = locate(Approach("", axis), members.enu)
-    lengths = np.linalg.norm(np.diff(axis, axis=0), axis=1)
-    at = np.concatenate([[0.0], np.cumsum(lengths)])
-    bounds = np.flatnonzero(np.diff(members.owner, prepend=-1))
-    # The second: one vehicle that leaves the road would take the axis with it.
-    first = float(np.sort(np.minimum.reduceat(station, bounds))[1])
-    last = float(np.sort(np.maximum.reduceat(station, bounds))[-2])
-    inner = axis[(at > first + AXIS_POINT_M / 3) & (at < last - AXIS_POINT_M / 3)]
-    return np.concatenate([_at(axis, at, first), inner, _at(axis, at, last)])
-
-
-def _lengthened(approaches: list[Approach]) -> list[Approach]:
-    """Let axes go on at both ends, where no other does.
-
-    A vehicle is followed only where all of it is in the picture, and some time after it came.
-    """
-    longer = []
-    for approach in approaches:
-        others = [a for a in approaches if a is not approach]
-        half_m = approach.lanes * approach.lane_width_m / 2
-        axis, middle = approach.axis_enu, shift_aside(approach.axis_enu, -half_m)
-        ends = []
-        for way in (1, -1):
-            free = _free(onward(middle[::way], ONWARD_M, AXIS_POINT_M), half_m, others)
-            ends.append(onward(axis[::way], ONWARD_M, AXIS_POINT_M)[:free])
-        axis = np.concatenate([ends[1][::-1], axis, ends[0]])
-        longer.append(replace(approach, axis_enu=axis))
-    return longer
-
-
-def _free(middle: Floats, half_m: float, others: Sequence[Approach]) -> int:
-    """Return how many points of lanes' middle (n, 2) lie before they come upon another's lanes."""
-    blocked = np.zeros(len(middle), np.bool_)
-    for other in others:
-        station, offset, _ = locate(other, middle)
-        other_half_m = other.lanes * other.lane_width_m / 2
-        beside = np.abs(offset + other_half_m) < half_m + other_half_m
-        blocked |= beside & (station > -ONWARD_M) & (station < length_m(other) + ONWARD_M)
-    return int(np.argmax(blocked)) if blocked.any() else len(middle)
-
-
-def _at(axis: Floats, at: Floats, station_m: float) -> Floats:
-    leg = int(np.clip(np.searchsorted(at, station_m, side="right") - 1, 0, len(axis) - 2))
-    share = (station_m - at[leg]) / (at[leg + 1] - at[leg])
-    return np.asarray(axis[leg] + share * (axis[leg + 1] - axis[leg]))[None]
 
 
 def _explained(samples: Samples, approach: Approach) -> Bools:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from queuetail.traffic.paths import Samples
@@ -15,7 +18,6 @@ TURN_COS = float(np.cos(np.radians(30.0)))
 MAX_GAP_M = 40.0  # of traffic-free road that the trace crosses straight on
 MAX_STEPS = 2000
 NODE_M = 10.0
-NOISE_M = 0.5  # of a sample across the road
 # Standard deviations of a correction's second difference over `NODE_M`: of a traced curve, and of
 # one of uniform curvature, which roads nearly have as far as a camera sees.
 TRACED_BEND_M, UNIFORM_BEND_M = 0.15, 0.02
@@ -106,23 +108,38 @@ def onward(curve: Floats, length_m: float, spacing_m: float) -> Floats:
     return np.asarray(curve[-1] + np.cumsum(spacing_m * units, axis=0))
 
 
-def fit(
-    curve: Floats,
-    samples: Samples,
-    group: Ints,
-    mean_m: Floats,
-    sigma_m: Floats,
-    bend_m: float = TRACED_BEND_M,
-) -> tuple[Floats, float]:
-    """Bend the curve until every group of samples keeps one offset; -> curve, misfit in metres.
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """Places in groups that keep one offset along the road each: vehicles in lanes, and lines."""
 
-    `group` (n,) says which samples belong together, and `mean_m` and `sigma_m` (groups,) what is
-    known of their offsets before.  Robust least squares over the curve's lateral correction at
-    nodes and the groups' offsets at once, the correction's second difference held small.
+    enu: Floats  # (n, 2)
+    group: Ints  # (n,)
+    noise_m: Floats  # (n,) of a place across the road
+    mean_m: Floats  # (groups,) what is known of their offsets before,
+    sigma_m: Floats  # (groups,) and how well
+
+
+def together(parts: Sequence[Kept]) -> Kept:
+    """Return the groups of several as one."""
+    before = np.cumsum([0, *(len(p.mean_m) for p in parts)])
+    return Kept(
+        np.concatenate([p.enu for p in parts]),
+        np.concatenate([p.group + n for p, n in zip(parts, before, strict=False)]),
+        np.concatenate([p.noise_m for p in parts]),
+        np.concatenate([p.mean_m for p in parts]),
+        np.concatenate([p.sigma_m for p in parts]),
+    )
+
+
+def fit(curve: Floats, kept: Kept, bend_m: float = TRACED_BEND_M) -> tuple[Floats, float]:
+    """Bend the curve until every group of places keeps one offset; -> curve, misfit in metres.
+
+    Robust least squares over the curve's lateral correction at nodes and the groups' offsets at
+    once, the correction's second difference held small.
     """
     nodes = resample(curve, NODE_M)
-    station, offset, _ = locate(Approach("", nodes), samples.enu)
-    k, g = len(nodes), len(mean_m)
+    station, offset, _ = locate(Approach("", nodes), kept.enu)
+    k, g = len(nodes), len(kept.mean_m)
     lengths = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
     at = np.interp(station, np.concatenate([[0.0], np.cumsum(lengths)]), np.arange(k))
     low = np.minimum(at.astype(np.int64), k - 2)
@@ -132,17 +149,18 @@ def fit(
     bend: Floats = np.zeros(k)
     r: Floats = np.zeros(len(station))
     for _ in range(FIT_ROUNDS):
-        weight = NOISE_M**-2 * np.minimum(1.0, HUBER * NOISE_M / np.maximum(np.abs(r), 1e-9))
-        cells = _Cells(low, share, group, weight, k, g)
+        noise_m = kept.noise_m
+        weight = noise_m**-2 * np.minimum(1.0, HUBER * noise_m / np.maximum(np.abs(r), 1e-9))
+        cells = _Cells(low, share, kept.group, weight, k, g)
         # The groups' offsets are eliminated (Schur): theirs is a diagonal block.
-        diagonal = cells.own + sigma_m**-2.0
-        right_own = np.bincount(group, weight * offset, g) + mean_m / sigma_m**2
+        diagonal = cells.own + kept.sigma_m**-2.0
+        right_own = np.bincount(kept.group, weight * offset, g) + kept.mean_m / kept.sigma_m**2
         scaled = cells.mixed / diagonal
         normal = cells.bend + stiff - scaled @ cells.mixed.T
         rhs = cells.spread(weight * offset) - scaled @ right_own
         bend = np.asarray(np.linalg.solve(normal, rhs), np.float64)
         own = (right_own - cells.mixed.T @ bend) / diagonal
-        r = offset - (1 - share) * bend[low] - share * bend[low + 1] - own[group]
+        r = offset - (1 - share) * bend[low] - share * bend[low + 1] - own[kept.group]
     return shift_aside(nodes, bend), float(np.minimum(np.abs(r), 1.0).mean())
 
 

@@ -30,6 +30,10 @@ class LineMarks:
     def __len__(self) -> int:
         return len(self.enu)
 
+    def where(self, chosen: Bools) -> LineMarks:
+        """Return what is chosen, (n,)."""
+        return LineMarks(self.enu[chosen], self.course[chosen])
+
 
 NO_MARKS = LineMarks(np.zeros((0, 2)), np.zeros((0, 2)))
 

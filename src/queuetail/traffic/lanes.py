@@ -1,4 +1,8 @@
-"""Lanes from lateral offsets: how many there are, how wide, and where the left edge lies."""
+"""Lanes from lateral offsets: how many there are, how wide, and where the left edge lies.
+
+Vehicles keep to the middles of lanes, painted lines lie on their edges.  Lines are seen to a
+decimetre; all vehicles may seem to be aside together, for shadow or lean, which the lines show.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from queuetail.traffic.lane_evidence import WANDER_M, WINDOW_M
 from queuetail.types import Floats, Ints
 
 DEFAULT_WIDTH_M = 3.5
@@ -14,8 +19,17 @@ WIDTH_SIGMA_M = 0.5  # how far lanes differ from the default
 SPREAD_M = 0.45  # of a vehicle's mean offset about its lane's centre
 MAX_GAP_M = 1.5 * DEFAULT_WIDTH_M  # between lane centres of one carriageway
 MIN_SHARE = 0.04  # of the vehicles: fewer are strays, no lane
-MIN_VOTES = 2  # of a lane's only vehicle
+MIN_VOTES = 2  # of a lane's only vehicle, where no lines are seen
 IN_LANE = 0.3  # of the width from the centre
+SHARE_M = 0.5  # how far aside all vehicles may seem to be
+FEW = 6  # vehicles: more that share a bias say no more, where lines are seen
+LINE_SIGMA_M, SEARCH_SIGMA_M = 0.12, 0.25
+LINE_WORTH = WINDOW_M / WANDER_M  # of a mark
+BESIDE_M = 6.5  # the outermost vehicles: lines farther out are another road's
+PHASES, REFINEMENTS = 40, 5
+MANY, MOST = 30, 80  # vehicles that count, and votes that the search looks at
+WORST = 4.0  # squared sigmas: a stray counts for no more
+NO_LINES: Floats = np.zeros(0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,11 +39,17 @@ class Lanes:
     left_edge_m: float  # offset of the left edge of the left lane
     count: int
     width_m: float
+    aside_m: float = 0.0  # how far to the left of their lanes' centres all vehicles seem to be
 
     @property
     def centres_m(self) -> Floats:
         """Offsets of the lanes' centres, from the left, (count,)."""
         return np.asarray(self.left_edge_m - (np.arange(self.count) + 0.5) * self.width_m)
+
+    @property
+    def edges_m(self) -> Floats:
+        """Offsets of the lanes' edges, from the left, (count + 1,)."""
+        return np.asarray(self.left_edge_m - np.arange(self.count + 1) * self.width_m)
 
     def index(self, offset_m: Floats) -> Ints:
         """Return the lane of each offset (n,), the nearest one for offsets beside the lanes."""
@@ -37,21 +57,34 @@ class Lanes:
         return np.clip(lane, 0, self.count - 1)
 
 
-def fit_lanes(offset_m: Floats, owner: Ints) -> Lanes:
+def fit_lanes(
+    offset_m: Floats, owner: Ints, line_m: Floats = NO_LINES, doubt_m: float = 0.0
+) -> Lanes:
     """Find the lanes of the busiest carriageway among votes: offset and vehicle of each, (n,).
 
-    Raises ValueError without votes.
+    `line_m` (k,) are the offsets of marks of painted lines, `doubt_m` is how far aside shadows may
+    set all vehicles.  Raises ValueError without votes.
     """
     if not len(offset_m):
         raise ValueError("lanes need at least one vote")
     chosen = _busiest_cluster(offset_m, owner)
     offsets, owners = offset_m[chosen], owner[chosen]
-    width_m, phase_m = _comb(offsets, owners)
-    index = np.round((phase_m - offsets) / width_m).astype(np.int64)
-    first, last = _occupied(index, np.abs(phase_m - index * width_m - offsets) / width_m, owners)
+    near = (line_m > offsets.min() - BESIDE_M) & (line_m < offsets.max() + BESIDE_M)
+    share_m = float(np.hypot(SHARE_M, doubt_m))
+    lanes = _comb(offsets, owners, line_m[near], share_m)
+    index = _nearest(lanes, offsets)
+    miss = np.abs(lanes.left_edge_m - (index + 0.5) * lanes.width_m + lanes.aside_m - offsets)
+    first, last = _occupied(index, miss / lanes.width_m, owners, _between(lanes, line_m[near]))
     inside = (index >= first) & (index <= last)
-    centre_m, width_m = _refine(offsets[inside], index[inside], width_m)
-    return Lanes(centre_m - (first - 0.5) * width_m, last - first + 1, width_m)
+    lanes = _refine(lanes, offsets[inside], index[inside], line_m[near], share_m)
+    left_m = lanes.left_edge_m - first * lanes.width_m
+    return Lanes(left_m, last - first + 1, lanes.width_m, lanes.aside_m)
+
+
+def _nearest(lanes: Lanes, offset_m: Floats) -> Ints:
+    """Return the lane of each vehicle (n,), counted on beyond the first and the last."""
+    away = lanes.left_edge_m + lanes.aside_m - offset_m
+    return np.asarray(np.round(away / lanes.width_m - 0.5), np.int64)
 
 
 def _busiest_cluster(offset_m: Floats, owner: Ints) -> Ints:
@@ -63,28 +96,61 @@ def _busiest_cluster(offset_m: Floats, owner: Ints) -> Ints:
     return max(groups, key=lambda rows: (len(np.unique(owner[rows])), len(rows)))
 
 
-def _comb(offset_m: Floats, owner: Ints) -> tuple[float, float]:
-    """Return the spacing and the phase of the comb of lane centres that fits the votes best."""
+def _comb(offset_m: Floats, owner: Ints, line_m: Floats, share_m: float) -> Lanes:
+    """Return the spacing and the phase of the comb of lanes that votes and lines fit best."""
     widths = np.arange(MIN_WIDTH_M, MAX_WIDTH_M + 0.01, 0.05)
-    shares = np.linspace(0.0, 1.0, 40, endpoint=False)
-    phase = widths[:, None] * shares
-    r = offset_m - phase[..., None]
-    r -= widths[:, None, None] * np.round(r / widths[:, None, None])
-    misfit = np.minimum((r / SPREAD_M) ** 2, 4.0).mean(axis=2)
-    evidence = min(len(np.unique(owner)), 30)
-    cost = evidence * misfit + (((widths - DEFAULT_WIDTH_M) / WIDTH_SIGMA_M) ** 2)[:, None]
+    steps = widths / PHASES
+    phase = steps[:, None] * np.arange(PHASES)
+    many = FEW if len(line_m) else MANY
+    cost = min(len(np.unique(owner)), many) * _misfit(offset_m, phase, widths, SPREAD_M)
+    aside: Ints = np.zeros(cost.shape, np.int64)
+    if len(line_m):
+        worth = LINE_WORTH * len(line_m)
+        cost, aside = _set_aside(cost, steps, share_m)
+        cost += worth * _misfit(line_m, phase + widths[:, None] / 2, widths, SEARCH_SIGMA_M)
+    cost += (((widths - DEFAULT_WIDTH_M) / WIDTH_SIGMA_M) ** 2)[:, None]
     best = np.unravel_index(np.argmin(cost), cost.shape)
-    return float(widths[best[0]]), float(phase[best])
+    width_m = float(widths[best[0]])
+    aside_m = float(aside[best] * steps[best[0]])
+    return Lanes(float(phase[best]) + width_m / 2, 1, width_m, aside_m)
 
 
-def _occupied(index: Ints, miss: Floats, owner: Ints) -> tuple[int, int]:
-    """Return the first and last of the adjoining lanes that are used, around the busiest one."""
+def _misfit(offset_m: Floats, phase_m: Floats, width_m: Floats, sigma_m: float) -> Floats:
+    """Return the mean squared sigmas from the nearest tooth of each comb, (widths, phases)."""
+    some = offset_m[:: -(-len(offset_m) // MOST)]
+    r = some - phase_m[..., None]
+    r -= width_m[:, None, None] * np.round(r / width_m[:, None, None])
+    return np.asarray(np.minimum((r / sigma_m) ** 2, WORST).mean(axis=2))
+
+
+def _set_aside(cost: Floats, step_m: Floats, share_m: float) -> tuple[Floats, Ints]:
+    """Return the least cost (widths, phases) if vehicles are all aside, and by how many steps."""
+    by = np.arange(1 - PHASES // 2, PHASES // 2)
+    moved = np.stack([np.roll(cost, -n, axis=1) for n in by])
+    moved += ((by[:, None] * step_m / share_m) ** 2)[..., None]
+    least = moved.argmin(axis=0)
+    return np.take_along_axis(moved, least[None], 0)[0], by[least]
+
+
+def _between(lanes: Lanes, line_m: Floats) -> range:
+    """Return the lanes that lie between painted lines."""
+    if not len(line_m):
+        return range(0)
+    edge = np.round((lanes.left_edge_m - line_m) / lanes.width_m)
+    return range(int(edge.min()), int(edge.max()))
+
+
+def _occupied(index: Ints, miss: Floats, owner: Ints, between: range) -> tuple[int, int]:
+    """Return the first and last of the adjoining lanes that are used, around the busiest one.
+
+    Less will do in the lanes `between` lines.
+    """
     vehicles: dict[int, int] = {}
     needed = max(1.0, MIN_SHARE * len(np.unique(owner)))
     for lane in np.unique(index):
         votes = (index == lane) & (miss < IN_LANE)
         count = len(np.unique(owner[votes]))
-        if count >= needed and (count > 1 or votes.sum() >= MIN_VOTES):
+        if count >= needed and (count > 1 or lane in between or votes.sum() >= MIN_VOTES):
             vehicles[int(lane)] = count
     if not vehicles:
         lane = int(np.bincount(index - index.min()).argmax() + index.min())
@@ -97,18 +163,28 @@ def _occupied(index: Ints, miss: Floats, owner: Ints) -> tuple[int, int]:
     return first, last
 
 
-def _refine(offset_m: Floats, index: Ints, width_m: float) -> tuple[float, float]:
-    """Return the offset of lane 0's centre and the width, by robust least squares."""
-    if index.min() == index.max():
-        centre = float(np.median(offset_m))
-        return centre + float(index[0]) * DEFAULT_WIDTH_M, DEFAULT_WIDTH_M
-    A = np.column_stack([np.ones(len(index)), -index.astype(float)])
-    solution = np.array([np.median(offset_m + index * width_m), width_m])
-    prior = np.diag([0.0, (SPREAD_M / WIDTH_SIGMA_M) ** 2])
-    for _ in range(5):
-        r = np.abs(offset_m - A @ solution)
-        weight = np.minimum(1.0, SPREAD_M / np.maximum(r, 1e-9)) * (r < 3 * SPREAD_M)
+def _refine(lanes: Lanes, offset_m: Floats, index: Ints, line_m: Floats, share_m: float) -> Lanes:
+    """Return the comb's left edge, width and bias of vehicles, by robust least squares."""
+    edge = np.round((lanes.left_edge_m - line_m) / lanes.width_m)
+    on_edge = np.abs(lanes.left_edge_m - edge * lanes.width_m - line_m) < 3 * SEARCH_SIGMA_M
+    edge, line_m = edge[on_edge], line_m[on_edge]
+    if index.min() == index.max() and not len(line_m):
+        middle_m = float(np.median(offset_m)) + (float(index[0]) + 0.5) * DEFAULT_WIDTH_M
+        return Lanes(middle_m, 1, DEFAULT_WIDTH_M)
+    away = np.concatenate([index + 0.5, edge])
+    is_vehicle = np.arange(len(away)) < len(index)
+    A = np.column_stack([np.ones(len(away)), -away, is_vehicle])
+    seen_m = np.concatenate([offset_m, line_m])
+    sigma_m = np.where(is_vehicle, SPREAD_M, LINE_SIGMA_M)
+    worth = np.where(is_vehicle & (len(line_m) > 0), min(1.0, FEW / len(index)), 1.0)
+    expected = np.array([0.0, DEFAULT_WIDTH_M, 0.0])
+    prior = np.diag([0.0, WIDTH_SIGMA_M**-2, (share_m if len(line_m) else 1e-6) ** -2])
+    solution = np.array([lanes.left_edge_m, lanes.width_m, lanes.aside_m])
+    for _ in range(REFINEMENTS):
+        r = np.abs(seen_m - A @ solution) / sigma_m
+        weight = np.minimum(1.0, 1 / np.maximum(r, 1e-9)) * (r < 3) * worth / sigma_m**2
         normal = (A * weight[:, None]).T @ A + prior
-        rhs = (A * weight[:, None]).T @ offset_m + prior @ [0.0, DEFAULT_WIDTH_M]
+        rhs = (A * weight[:, None]).T @ seen_m + prior @ expected
         solution = np.linalg.lstsq(normal, rhs, rcond=None)[0]
-    return float(solution[0]), float(np.clip(solution[1], MIN_WIDTH_M, MAX_WIDTH_M))
+    width_m = float(np.clip(solution[1], MIN_WIDTH_M, MAX_WIDTH_M))
+    return Lanes(float(solution[0]), 1, width_m, float(solution[2]))
