@@ -27,6 +27,8 @@ BLUE = "#0072b2"
 GREY = "#8a8a8a"
 PANEL = "#f3f1ec"
 GAP_S = 1.0  # rows farther apart are not joined by a line
+WIDTH_IN, WIDE_IN, MAP_IN = 10.0, 0.9, 8.2  # a diagram, a margin with numbers, and the map between
+LEGEND_COLUMNS = 4
 MAX_POINTS = 1500  # per drawn line: more than there are pixels
 STRIP = {  # status -> (name, face, hatch): told apart without colour
     QueueStatus.CLEAR: ("clear", "#ffffff", ""),
@@ -58,7 +60,7 @@ STYLE: dict[Any, Any] = {
 def eoq_over_time(table: QueueTable) -> str:
     """Return EOQ station over time with bands of one and two sigma, above a strip of the status."""
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(10, 4.6), layout="constrained")
+        figure = _figure(4.6, top_in=0.4)
         top, strip = figure.subplots(2, 1, sharex=True, height_ratios=[8, 1])
         top.set_facecolor("none")
         joined = _thinned(table)
@@ -82,7 +84,7 @@ def eoq_over_time(table: QueueTable) -> str:
 def time_space(table: QueueTable, tracks: TrackTable | None) -> str:
     """Return stations of the tracks over time coloured by speed, with the end of the queue."""
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(10, 5.2), layout="constrained")
+        figure = _figure(5.2, right_in=0.7)
         axes = figure.subplots()
         axes.set_facecolor(PANEL)
         lines, speeds = _segments(tracks)
@@ -93,7 +95,7 @@ def time_space(table: QueueTable, tracks: TrackTable | None) -> str:
             )
             drawn.set_clim(0, top_mph)
             axes.add_collection(drawn)
-            bar = figure.colorbar(drawn, ax=axes, pad=0.01, aspect=30)
+            bar = figure.colorbar(drawn, ax=axes, fraction=0.04, pad=0.01, aspect=30)
             bar.set_label("speed in mph")
             axes.set_ylim(*_span(lines[:, :, 1]))
         else:
@@ -116,9 +118,9 @@ def site_map(scene: MapScene) -> str:
     left, right, low, high = scene.extent
     shape = (high - low) / (right - left)
     with mpl.rc_context(STYLE | {"axes.spines.top": True, "axes.spines.right": True}):
-        figure = Figure(
-            figsize=(10, float(np.clip(10 * shape, 3.2, 9.0)) + 1.2), layout="constrained"
-        )
+        legend_in = 0.25 * -(-(2 * len(scene.axes) + 1) // LEGEND_COLUMNS)
+        height_in = float(np.clip(MAP_IN * shape, 3.2, 9.0)) + legend_in + 1.2
+        figure = _figure(height_in, bottom_in=0.6 + legend_in, top_in=0.6, right_in=WIDE_IN)
         axes = figure.subplots()
         axes.set_facecolor(PANEL)
         if scene.base is not None:
@@ -142,8 +144,23 @@ def site_map(scene: MapScene) -> str:
         if scene.origin is not None:
             _label_degrees(axes, scene)
         if axes.get_legend_handles_labels()[0]:
-            figure.legend(loc="outside lower center", ncols=4)
+            figure.legend(loc="lower center", ncols=LEGEND_COLUMNS)
         return _svg(figure, "Map")
+
+
+def _figure(
+    height_in: float, bottom_in: float = 0.6, top_in: float = 0.15, right_in: float = 0.15
+) -> Figure:
+    """Return a figure with fixed margins: laying it out by its labels costs as much as drawing."""
+    figure = Figure(figsize=(WIDTH_IN, height_in))
+    figure.subplots_adjust(
+        left=WIDE_IN / WIDTH_IN,
+        right=1 - right_in / WIDTH_IN,
+        bottom=bottom_in / height_in,
+        top=1 - top_in / height_in,
+        hspace=0.1,
+    )
+    return figure
 
 
 def _status_strip(axes: Axes, table: QueueTable) -> None:
@@ -163,7 +180,7 @@ def _status_strip(axes: Axes, table: QueueTable) -> None:
         axes.set_xlim(table.t_s[0], max(ends[-1], table.t_s[0] + 1))
     ordered = [shown[s] for s in QueueStatus if s in shown]
     if ordered and axes.figure is not None:
-        axes.figure.legend(handles=ordered, loc="outside upper right", ncols=4)
+        axes.figure.legend(handles=ordered, loc="upper right", ncols=LEGEND_COLUMNS)
 
 
 def _thinned(table: QueueTable) -> QueueTable:
