@@ -259,7 +259,7 @@ def test_lines_are_looked_for_in_one_place_long_enough() -> None:
     assert road._aim_at == ()
 
 
-@pytest.mark.parametrize(("known_s", "wait_s"), [(-np.inf, 0.5), (0.0, 2.0), (5.0, 2.0), (40.0, 8)])
+@pytest.mark.parametrize(("known_s", "wait_s"), [(-np.inf, 0.5), (0.0, 1), (5.0, 2), (40.0, 16)])
 def test_refinements_become_rare(known_s: float, wait_s: float) -> None:
     assert _wait_s(known_s) == pytest.approx(wait_s)
 

@@ -32,7 +32,7 @@ MUCH_MORE = 1.5  # and again once so many times as much agrees
 TRY_EVERY_S = 1.0
 WATCH_S = 45.0  # of traffic, after which nothing new is learnt of the road
 # Between tries while no road is known, and afterwards: so long, or a share of the time since.
-TRY_SOON_S, REFINE_S, REFINE_LATER = 0.5, 2.0, 0.2
+TRY_SOON_S, REFINE_S, REFINE_LATER = 0.5, 1.0, 0.4
 AIM_EVERY_S = 2.0
 MIN_MOVE_M, MIN_SIGMAS = 0.4, 2.0  # smaller misalignments are left alone
 TURNED_BY, TURNED_BESIDE_M = 4, 8.0  # vehicles that drive against an approach or beside it

@@ -35,9 +35,8 @@ from queuetail.types import Approach, Bools, Floats, Ints
 
 __all__ = ["Trajectory", "discover"]
 
-MIN_MOVED_M, LEAST_MOVED_M = 20.0, 10.0  # the latter along lines, or to suspect a road
-MIN_VEHICLES = 3
-MIN_TOTAL_M = 150.0  # of two vehicles together: as good as a third one
+LEAST_MOVED_M = 10.0
+TOTAL_M, TOTAL_OF_TWO_M = 60.0, 150.0  # of three vehicles together, or of two, without lines
 REACH_ASIDE_M = 25.0  # of the trace: who may be on the same carriageway
 SAME_WAY_COS = float(np.cos(np.radians(25.0)))
 VOTE_SAMPLES = 5  # a vehicle's mean offset over these is one vote for a lane
@@ -91,11 +90,11 @@ def discover(
 ) -> tuple[Approach, ...]:
     """Return the carriageways that the vehicles used, most traffic first; () until it is sure.
 
-    Sure means three vehicles that moved 20 m the same way, or two with 150 m together, or two that
-    moved 10 m between painted lines.  An axis spans where traffic or its lines were seen and a bit
-    onward, as far as no other lies there; a ramp is an approach of its own from where it diverges.
-    `doubt_m` is how far aside shadows may set all vehicles, `known` what was found before; to
-    `suspect` a road, one vehicle that moved 10 m is enough.
+    Sure means three vehicles that moved 10 m the same way and 60 m together, or two with 150 m, or
+    two that moved 10 m between painted lines.  An axis spans where traffic or its lines were seen
+    and a bit onward, as far as no other lies there; a ramp is an approach of its own from where it
+    diverges.  `doubt_m` is how far aside shadows may set all vehicles, `known` what was found
+    before; to `suspect` a road, one vehicle that moved 10 m is enough.
     """
     free = sample(trajectories)
     seen = _Seen(len(trajectories), lines, doubt_m, known, suspect)
@@ -156,12 +155,12 @@ def _carriageway(free: Samples, seed: int, seen: _Seen) -> _Found | None:
 def _sure(samples: Samples, seen: _Seen, lines: int) -> bool:
     """Tell whether enough vehicles went here, beside so many marks of lines."""
     extents = extent_m(samples, seen.owners)
-    far, some = extents[extents >= MIN_MOVED_M], int((extents >= LEAST_MOVED_M).sum())
+    moved = extents[extents >= LEAST_MOVED_M]
     if seen.suspect:
-        return some > 0
-    between = some >= 2 and len(seen.lines) > 0 and lines >= MIN_LINES
-    together_m = float(far.sum()) if len(far) == 2 else 0.0
-    return len(far) >= MIN_VEHICLES or together_m >= MIN_TOTAL_M or between
+        return len(moved) > 0
+    between = len(seen.lines) > 0 and lines >= MIN_LINES
+    enough_m = 0.0 if between else TOTAL_OF_TWO_M if len(moved) == 2 else TOTAL_M
+    return len(moved) >= 2 and float(moved.sum()) >= enough_m
 
 
 def _simplest(curve: Floats, near: Samples) -> tuple[Floats, float]:
