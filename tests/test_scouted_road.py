@@ -243,18 +243,19 @@ def test_nothing_is_found_where_nothing_moves() -> None:
     assert road.approaches == ()
 
 
-def test_lines_are_looked_for_in_one_place_long_enough() -> None:
+def test_lines_are_looked_for_where_the_road_is_known_to_be() -> None:
     road = FoundRoad()
-    here, there = (approach("a"),), (approach("b", offset_m=3.0),)
-    road._aim((), 1.0)
+    road._aim(1.0)
     assert road._aim_at == ()
-    road._aim(here, 2.0)
+    road.approaches = (approach("a"),)
+    road._aim(2.0)
     lines = road._lines
-    road._aim(there, 3.0)
+    road._aim(5.0)
     assert road._lines is lines
-    road._aim(there, 4.5)
+    assert road._aimed_s == 2.0
+    road.approaches = (approach("a", offset_m=3.0),)
+    road._aim(8.0)
     assert road._lines is not lines
-    assert road._aim_at is there
     road._begin_anew(1)
     assert road._aim_at == ()
 

@@ -206,26 +206,32 @@ class FoundRoad:
         if frame.t_s - self._tried_s < _wait_s(known_s):
             return
         self._tried_s = frame.t_s
+        self._discover(frame.t_s)
+        if frame.t_s - self._aimed_s > AIM_EVERY_S:
+            self._aim(frame.t_s)
+
+    def _discover(self, t_s: float) -> None:
+        """Take the road that traffic and lines show by now, if it is another than known."""
         marks = self._lines.marks
         if len(marks) > len(self._marks) / 2:
             self._marks = marks
-        seen, doubt_m = self._scout.trajectories, self._scout.doubt_m
-        found = discover(seen, self._marks, doubt_m, self.approaches)
+        scout = self._scout
+        found = discover(scout.trajectories, self._marks, scout.doubt_m, self.approaches)
         if found and _differs(self.approaches, found):
-            self._found_s = frame.t_s if self._found_s is None else self._found_s
+            self._found_s = t_s if self._found_s is None else self._found_s
             self.approaches = _with_old_names(found, self.approaches)
-        self._aim(self.approaches or discover(seen, suspect=True), frame.t_s)
 
     def _begin_anew(self, epoch: int) -> None:
         """Forget what was seen before a cut; the road that was found stays until another is."""
         self._epoch, self._aim_at, self._aimed_s = epoch, (), -np.inf
         self._scout, self._lines, self._marks = RoadScout(), LaneLines(()), NO_MARKS
 
-    def _aim(self, approaches: tuple[Approach, ...], t_s: float) -> None:
-        """Look for lines along the road, or where it may be; long enough before elsewhere."""
-        if approaches and approaches is not self._aim_at and t_s - self._aimed_s > AIM_EVERY_S:
-            self._aim_at, self._aimed_s = approaches, t_s
-            self._lines = LaneLines(approaches)
+    def _aim(self, t_s: float) -> None:
+        """Look for lines along the road, or where it may be."""
+        there = self.approaches or discover(self._scout.trajectories, suspect=True)
+        if there and there is not self._aim_at:
+            self._aim_at, self._aimed_s = there, t_s
+            self._lines = LaneLines(there)
 
     def locate(self, tracks: Tracks) -> RoadVehicles:
         """Return the tracks on the approaches."""
