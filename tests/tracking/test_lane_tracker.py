@@ -552,6 +552,26 @@ def test_what_others_drive_into_at_speed_is_no_vehicle() -> None:
     assert confirmed(road.see((1, 150.0, 153.0))) == []
 
 
+def stands_at_the_edge(others_lane: int) -> list[int]:
+    """Let two cars appear at 25 m/s just ahead of what stands where the picture begins."""
+    road = Road()
+    thing: Seen = (1, 2.0, 6.6)
+    for _ in range(15):
+        tracks = road.see(thing)
+    assert len(confirmed(tracks)) == 1
+    for n in range(60):
+        at = 7.5 + 2.5 * (n % 30)
+        flows = [(1, 2.0, 6.6, 0.0), (others_lane, at, at + 4.6, 25.0)]
+        tracks = road.see(thing, (others_lane, at, at + 4.6), flows=flows)
+    return [i for i in confirmed(tracks) if rear(tracks, i) < 10.0]
+
+
+def test_what_stands_where_others_come_from_is_no_vehicle() -> None:
+    """A tree's shadow at the picture's edge: who comes in is seen only when it has passed that."""
+    assert stands_at_the_edge(others_lane=1) == []
+    assert len(stands_at_the_edge(others_lane=2)) == 1
+
+
 def test_a_car_that_came_and_stopped_stays_though_others_are_lost_behind_it() -> None:
     road = Road()
     for n in range(200):

@@ -11,7 +11,12 @@ from itertools import pairwise
 import numpy as np
 
 from queuetail.tracking.driving_lines import DrivingLines
-from queuetail.tracking.lane_correction import correct_one, drives_into, keep_behind
+from queuetail.tracking.lane_correction import (
+    came_through,
+    correct_one,
+    drives_into,
+    keep_behind,
+)
 from queuetail.tracking.lane_sight import flow_mps, follow_flow, is_hidden
 from queuetail.tracking.lane_tracks import carried_over, tracks_of
 from queuetail.tracking.lane_vehicle import (
@@ -308,8 +313,10 @@ class LaneTracker:
             on_road = v.in_row or not self._lines.is_aside(v)
             settled &= v.moved or (on_road and _looks_like_a_vehicle(v))
             v.confirmed &= v.moved or (on_road and _looks_like_a_vehicle(v, 0.75))
-            if settled and t_s - v.born_s >= wait_s and not v.mark:
+            if settled and t_s - v.born_s >= wait_s and not v.mark and not v.confirmed:
                 v.confirmed = True
+                for thing in self._vehicles:
+                    thing.run_into += came_through(v, thing, t_s)
             begin_m, end_m = points.spans.get(v.approach, (-np.inf, np.inf))
             gone = v.rear_m > end_m - 1.0 or v.front_m < begin_m - 1.0
             unseen_s = t_s - v.seen_s

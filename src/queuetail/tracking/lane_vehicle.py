@@ -77,7 +77,7 @@ class LaneVehicle:
     none_s: float = 0.0  # for how long it has been where only the bodies of others are
     apparition: bool = False  # came out of nothing in mid-view, and has not moved since
     mark: bool = False  # stands where others have driven through: a stain, until it moves
-    run_into: int = 0  # how many drove to where it stands without braking, and were lost there
+    run_into: int = 0  # how many drove to where it stands without braking, or came from there
     in_row: bool = (
         False  # stands between vehicles of its lane, as long as a car: none but a car does
     )
