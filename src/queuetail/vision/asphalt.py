@@ -73,6 +73,7 @@ class RoadBackground:
         self._noise = 2.0
         self._is_noisy = False  # and then pictures are smoothed, as in poor light
         self._began_s = self._last_s = 0.0
+        self._watched_s = 0.0  # since when, through all layouts that what was learnt is kept in
         self._shade = CastShade()
         self._colour = RoadColour()
 
@@ -125,10 +126,11 @@ class RoadBackground:
         Road that was seen bare in an earlier layout is kept as it was learnt.
         """
         image = raster.image
-        settled = t_s - self._began_s > YOUNG_S
-        old = self._layout if settled else None  # sooner, a vehicle may have been taken for road
+        # Sooner after a road was first seen, a vehicle may have been taken for it.
+        old = self._layout if t_s - self._watched_s > YOUNG_S else None
         old_road, old_bare = self._road, self._bare
         self._began_s = self._last_s = t_s
+        self._watched_s = t_s if old is None else self._watched_s
         self._road = np.zeros(image.shape, np.float32)
         self._lit = np.zeros(image.shape, np.float32)
         self._threshold = np.full(image.shape, MIN_THRESHOLD, np.float32)
