@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from pathlib import Path
 from statistics import median
 
@@ -43,3 +44,23 @@ def test_a_clip_without_a_queue_has_none(
                 speeds.setdefault(r["track_id"], []).append(float(r["speed_mps"]) / MPS_PER_MPH)
         assert len(speeds) >= least
         assert slow < median(median(of_one) for of_one in speeds.values()) < fast
+
+
+def without_approaches(site: Path) -> str:
+    """Return a site file's text that says where things are, but of no road."""
+    parts = re.split(r"(?m)^(?=\[)", site.read_text(encoding="utf-8"))
+    return "".join(p for p in parts if not p.startswith("[[approach]]"))
+
+
+@pytest.mark.parametrize(
+    ("name", "found"), [("05_cvtrafficcam_parked_cars", "WB"), ("06_dvrscan_motorway", "SB")]
+)
+def test_a_real_road_is_found_from_few_vehicles_and_its_lines(
+    name: str, found: str, shared: Path, root: Path, tmp_path: Path
+) -> None:
+    site = tmp_path / "measured.toml"
+    site.write_text(without_approaches(root / "examples" / "clips" / f"{name}.toml"), "utf-8")
+    run(shared / "clips" / f"{name}.mp4", site_file=site, out=tmp_path / "run", with_video=False)
+    told = rows(tmp_path / "run" / "queue.csv")
+    assert {r["status"] for r in told} == {"clear", "unknown"}
+    assert found in {r["approach"] for r in told}

@@ -572,6 +572,19 @@ def test_what_stands_where_others_come_from_is_no_vehicle() -> None:
     assert len(stands_at_the_edge(others_lane=2)) == 1
 
 
+def test_what_stands_half_outside_where_the_picture_begins_may_be_anything() -> None:
+    """Road that the sun lights, beyond a shadow's edge; a car that drove there is one."""
+    road = Road()
+    for _ in range(40):
+        tracks = road.see((1, -1.0, 6.0))
+    assert confirmed(tracks) == []
+    came = Road()
+    for n in range(80):
+        at, speed = braked(n / 10, 4.0, speed_mps=6.0)
+        tracks = came.see((1, at - 3.5, at + 1.1), flows=[(1, 0.0, at + 1.1, speed)])
+    assert len(confirmed(tracks)) == 1
+
+
 def test_a_car_that_came_and_stopped_stays_though_others_are_lost_behind_it() -> None:
     road = Road()
     for n in range(200):

@@ -10,7 +10,15 @@ import numpy as np
 from queuetail.geo.ground import enu_to_px, px_to_enu
 from queuetail.tracking.lane_vehicle import LaneVehicle
 from queuetail.traffic.road import assign, place
-from queuetail.types import Approach, Floats, GroundMapping, Scene, Tracks, TrackState
+from queuetail.types import (
+    Approach,
+    Floats,
+    GroundMapping,
+    RoadRaster,
+    Scene,
+    Tracks,
+    TrackState,
+)
 
 CAR_M, CAR_HALF_WIDTH_M, TRUCK_HALF_WIDTH_M = 6.5, 0.95, 1.25
 
@@ -37,7 +45,7 @@ def tracks_of(
     speed = np.array([v.speed_mps for v in rows])
     return Tracks(
         ids=np.array([v.track_id for v in rows], np.int64),
-        states=tuple(_state(v, scene.t_s) for v in rows),
+        states=tuple(_state(v, scene) for v in rows),
         px=px,
         boxes_px=np.concatenate([low, high - low], axis=1),
         enu=enu,
@@ -72,10 +80,18 @@ def carried_over(
     return kept
 
 
-def _state(vehicle: LaneVehicle, t_s: float) -> TrackState:
-    if not vehicle.confirmed:
+def _state(vehicle: LaneVehicle, scene: Scene) -> TrackState:
+    """Return how sure a vehicle is.
+
+    Of what has never moved where the picture begins, its rear outside, nobody can say: road that
+    the sun lights begins there too.
+    """
+    assert isinstance(scene.raster, RoadRaster)
+    begin_m = scene.raster.spans.get(vehicle.approach, (-np.inf, np.inf))[0]
+    inside = vehicle.moved or vehicle.in_row or vehicle.rear_m > begin_m
+    if not (vehicle.confirmed and inside):
         return TrackState.TENTATIVE
-    return TrackState.CONFIRMED if vehicle.seen_s == t_s else TrackState.COASTING
+    return TrackState.CONFIRMED if vehicle.seen_s == scene.t_s else TrackState.COASTING
 
 
 def _on_ground(
