@@ -43,7 +43,7 @@ VOTE_SAMPLES = 5  # a vehicle's mean offset over these is one vote for a lane
 MAX_DRIFT = 0.08  # metres aside per metre along: more is a change of lanes or another course
 LANE_KEEPING_M = 0.3
 NOISE_M, LINE_NOISE_M = 0.5, 0.15  # of a vehicle's place across the road, and of a mark
-LINE_KEEPING_M, LINE_FITS_M = 0.05, 0.5  # of a line along the road, and how near an edge it lies
+LINES_APART_M, LINE_FITS_M = 0.6, 0.5  # at the least, and how near a lane's edge a line lies
 MIN_LINES = 12  # marks on the edges of lanes, for two vehicles to be enough
 # How far the ends of a curve may be off, turned and bent, and how closely lines then gather.
 TURNS_M, SAGS_M = np.arange(-8.0, 8.1, 0.25), np.arange(-4.0, 4.1, 0.5)
@@ -136,15 +136,14 @@ def _carriageway(free: Samples, seed: int, seen: _Seen) -> _Found | None:
         lines, line_m = _lines_along(seen.lines, curve)
         lanes = fit_lanes(votes.offset_m, votes.owner, line_m, seen.doubt_m)
         on_edge = np.abs(line_m[:, None] - lanes.edges_m).min(axis=1) < LINE_FITS_M
-        lines, line_m = lines.where(on_edge), line_m[on_edge]
         lane = lanes.index(votes.offset_m - lanes.aside_m)
         miss = votes.offset_m - lanes.aside_m - lanes.centres_m[lane]
         used = (votes.vote >= 0) & (np.abs(miss) < lanes.width_m / 2)[votes.vote]
         members = near.where(used)
-        if not _sure(members, seen, len(lines)):
+        if not _sure(members, seen, int(on_edge.sum())):
             return None
-        kept = together((_in_lanes(members, votes, used, lanes), _on_edges(lines, line_m, lanes)))
-        curve = fit(curve, kept, bend_m)[0]
+        kept = together((_in_lanes(members, votes, used, lanes), _parallel(lines, line_m)))
+        curve, lines = fit(curve, kept, bend_m)[0], lines.where(on_edge)
     lanes = _lanes_of(members, seen, curve, lanes)
     edge = resample(shift_aside(curve, lanes.left_edge_m), AXIS_POINT_M)
     axis, onward_m = spanned(edge, members, lines)
@@ -201,11 +200,15 @@ def _in_lanes(members: Samples, votes: _Votes, used: Bools, lanes: Lanes) -> Kep
     return Kept(members.enu, group, noise_m, centre + lanes.aside_m, sigma_m)
 
 
-def _on_edges(lines: LineMarks, line_m: Floats, lanes: Lanes) -> Kept:
-    """Return the marks of lines on the lanes' edges, held there."""
-    edge = np.abs(line_m[:, None] - lanes.edges_m).argmin(axis=1)
-    sigma_m = np.full(len(lanes.edges_m), LINE_KEEPING_M)
-    return Kept(lines.enu, edge, np.full(len(lines), LINE_NOISE_M), lanes.edges_m, sigma_m)
+def _parallel(lines: LineMarks, line_m: Floats) -> Kept:
+    """Return the marks of each line, held at one offset, whichever that is."""
+    order = np.argsort(line_m)
+    line = np.zeros(len(lines), np.int64)
+    line[order] = np.cumsum(np.diff(line_m[order], prepend=line_m[order[:1]]) > LINES_APART_M)
+    count = line.max() + 1 if len(line) else 0
+    mean_m = np.bincount(line, line_m, count) / np.maximum(np.bincount(line, minlength=count), 1)
+    noise_m = np.full(len(lines), LINE_NOISE_M)
+    return Kept(lines.enu, line, noise_m, mean_m, np.full(count, FREE_M))
 
 
 def _lines_along(lines: LineMarks, curve: Floats) -> tuple[LineMarks, Floats]:
