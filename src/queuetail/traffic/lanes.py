@@ -21,7 +21,8 @@ MAX_GAP_M = 1.5 * DEFAULT_WIDTH_M  # between lane centres of one carriageway
 MIN_SHARE = 0.04  # of the vehicles: fewer are strays, no lane
 MIN_VOTES = 2  # of a lane's only vehicle, where no lines are seen
 IN_LANE = 0.3  # of the width from the centre
-SHARE_M = 0.5  # how far aside all vehicles may seem to be
+SHARE_M = 0.5  # how far aside all vehicles may seem to be, where lines show it,
+NOT_ASIDE_M = 1e-6  # and where nothing would
 FEW = 6  # vehicles: more that share a bias say no more, where lines are seen
 LINE_SIGMA_M, SEARCH_SIGMA_M = 0.12, 0.25
 LINE_WORTH = WINDOW_M / WANDER_M  # of a mark
@@ -178,7 +179,7 @@ def _refine(lanes: Lanes, offset_m: Floats, index: Ints, line_m: Floats, share_m
     sigma_m = np.where(is_vehicle, SPREAD_M, LINE_SIGMA_M)
     worth = np.where(is_vehicle & (len(line_m) > 0), min(1.0, FEW / len(index)), 1.0)
     expected = np.array([0.0, DEFAULT_WIDTH_M, 0.0])
-    prior = np.diag([0.0, WIDTH_SIGMA_M**-2, (share_m if len(line_m) else 1e-6) ** -2])
+    prior = np.diag([0.0, WIDTH_SIGMA_M**-2, (share_m if len(line_m) else NOT_ASIDE_M) ** -2])
     solution = np.array([lanes.left_edge_m, lanes.width_m, lanes.aside_m])
     for _ in range(REFINEMENTS):
         r = np.abs(seen_m - A @ solution) / sigma_m
