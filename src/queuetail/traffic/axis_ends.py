@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from queuetail.traffic.centreline import onward, shift_aside
+from queuetail.traffic.centreline import onward, shift_aside, stations
 from queuetail.traffic.lane_evidence import LineMarks
 from queuetail.traffic.paths import Samples
 from queuetail.traffic.road import length_m, locate
@@ -25,8 +25,7 @@ def spanned(axis: Floats, members: Samples, lines: LineMarks) -> tuple[Floats, t
     """
     along = Approach("", axis)
     station, _, _ = locate(along, members.enu)
-    lengths = np.linalg.norm(np.diff(axis, axis=0), axis=1)
-    at = np.concatenate([[0.0], np.cumsum(lengths)])
+    at = stations(axis)
     bounds = np.flatnonzero(np.diff(members.owner, prepend=-1))
     # The second: one vehicle that leaves the road would take the axis with it.
     starts, ends = (np.sort(m.reduceat(station, bounds)) for m in (np.minimum, np.maximum))

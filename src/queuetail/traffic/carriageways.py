@@ -22,6 +22,7 @@ from queuetail.traffic.centreline import (
     onward,
     resample,
     shift_aside,
+    stations,
     together,
     trace,
     uniform,
@@ -136,8 +137,7 @@ def _carriageway(free: Samples, seed: int, seen: _Seen) -> _Found | None:
         lines, line_m = _lines_along(seen.lines, curve)
         lanes = fit_lanes(votes.offset_m, votes.owner, line_m, seen.doubt_m)
         on_edge = np.abs(line_m[:, None] - lanes.edges_m).min(axis=1) < LINE_FITS_M
-        lane = lanes.index(votes.offset_m - lanes.aside_m)
-        miss = votes.offset_m - lanes.aside_m - lanes.centres_m[lane]
+        miss = votes.offset_m - lanes.driven_m[lanes.index(votes.offset_m)]
         used = (votes.vote >= 0) & (np.abs(miss) < lanes.width_m / 2)[votes.vote]
         members = near.where(used)
         if not _sure(members, seen, int(on_edge.sum())):
@@ -189,15 +189,14 @@ def _in_lanes(members: Samples, votes: _Votes, used: Bools, lanes: Lanes) -> Kep
 
     One that keeps between two lanes, as merged vehicles do, is held by nothing.
     """
-    offset_m = votes.offset_m - lanes.aside_m
-    lane = lanes.index(offset_m)
+    lane = lanes.index(votes.offset_m)
     vote = votes.vote[used]
     pairs, group = np.unique(members.owner * lanes.count + lane[vote], return_inverse=True)
-    centre = lanes.centres_m[pairs % lanes.count]
-    miss = np.bincount(group, offset_m[vote]) / np.bincount(group) - centre
+    driven_m = lanes.driven_m[pairs % lanes.count]
+    miss = np.bincount(group, votes.offset_m[vote]) / np.bincount(group) - driven_m
     sigma_m = np.where(np.abs(miss) < IN_LANE * lanes.width_m, LANE_KEEPING_M, FREE_M)
     noise_m = np.full(len(members), NOISE_M)
-    return Kept(members.enu, group, noise_m, centre + lanes.aside_m, sigma_m)
+    return Kept(members.enu, group, noise_m, driven_m, sigma_m)
 
 
 def _parallel(lines: LineMarks, line_m: Floats) -> Kept:
@@ -240,9 +239,9 @@ def _gathered(curve: Floats, lines: LineMarks) -> tuple[float, Floats]:
     lines, offset = _lines_along(lines, curve)
     if len(lines) < MIN_LINES:
         return 0.0, curve
-    legs = np.linalg.norm(np.diff(curve, axis=0), axis=1)
-    middle_m = float(legs.sum()) / 2
-    at = np.concatenate([[0.0], np.cumsum(legs)]) / middle_m - 1
+    at_m = stations(curve)
+    middle_m = float(at_m[-1]) / 2
+    at = at_m / middle_m - 1
     along = locate(Approach("", curve), lines.enu)[0] / middle_m - 1
     ends, sags = (g.ravel() for g in np.meshgrid(TURNS_M, SAGS_M, indexing="ij"))
     moved = offset - ends[:, None] * along - sags[:, None] * (along**2 - 0.5)

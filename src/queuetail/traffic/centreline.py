@@ -67,13 +67,19 @@ def uniform(curve: Floats) -> Floats:
     """Return the curve of one curvature that fits a traced one best, (k, 2) -> (k, 2)."""
     legs = np.diff(curve, axis=0)
     lengths = np.linalg.norm(legs, axis=1)
-    at = np.concatenate([[0.0], np.cumsum(lengths)])
+    at = stations(curve)
     middle = (at[1:] + at[:-1]) / 2
     heading = np.unwrap(np.arctan2(legs[:, 1], legs[:, 0]))
     slope, start = np.polyfit(middle, heading, 1) if len(legs) > 2 else (0.0, heading.mean())
     units = np.column_stack([np.cos(start + slope * middle), np.sin(start + slope * middle)])
     places = np.concatenate([[[0.0, 0.0]], np.cumsum(units * lengths[:, None], axis=0)])
     return np.asarray(places + (curve - places).mean(axis=0))
+
+
+def stations(curve: Floats) -> Floats:
+    """Return how far along a polyline each of its points lies, (k, 2) -> (k,)."""
+    legs = np.linalg.norm(np.diff(curve, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(legs)])
 
 
 def shift_aside(curve: Floats, offset_m: Floats | float) -> Floats:
@@ -86,8 +92,7 @@ def shift_aside(curve: Floats, offset_m: Floats | float) -> Floats:
 
 def resample(curve: Floats, spacing_m: float) -> Floats:
     """Return points about `spacing_m` apart along a polyline, both ends kept, (k, 2) -> (m, 2)."""
-    legs = np.linalg.norm(np.diff(curve, axis=0), axis=1)
-    station = np.concatenate([[0.0], np.cumsum(legs)])
+    station = stations(curve)
     count = max(2, round(float(station[-1]) / spacing_m) + 1)
     wanted = np.linspace(0.0, station[-1], count)
     return np.column_stack([np.interp(wanted, station, curve[:, i]) for i in (0, 1)])
@@ -140,8 +145,7 @@ def fit(curve: Floats, kept: Kept, bend_m: float = TRACED_BEND_M) -> tuple[Float
     nodes = resample(curve, NODE_M)
     station, offset, _ = locate(Approach("", nodes), kept.enu)
     k, g = len(nodes), len(kept.mean_m)
-    lengths = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
-    at = np.interp(station, np.concatenate([[0.0], np.cumsum(lengths)]), np.arange(k))
+    at = np.interp(station, stations(nodes), np.arange(k))
     low = np.minimum(at.astype(np.int64), k - 2)
     share = at - low
     second = np.diff(np.eye(k), n=2, axis=0)

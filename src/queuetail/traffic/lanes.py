@@ -43,19 +43,27 @@ class Lanes:
     aside_m: float = 0.0  # how far to the left of their lanes' centres all vehicles seem to be
 
     @property
-    def centres_m(self) -> Floats:
-        """Offsets of the lanes' centres, from the left, (count,)."""
-        return np.asarray(self.left_edge_m - (np.arange(self.count) + 0.5) * self.width_m)
+    def driven_m(self) -> Floats:
+        """Offsets at which each lane's vehicles seem to drive, from the left, (count,)."""
+        return self.driven_at_m(np.arange(self.count))
 
     @property
     def edges_m(self) -> Floats:
         """Offsets of the lanes' edges, from the left, (count + 1,)."""
         return np.asarray(self.left_edge_m - np.arange(self.count + 1) * self.width_m)
 
+    def driven_at_m(self, lane: Ints) -> Floats:
+        """Return the offsets at which vehicles of lanes (n,), these or beyond, seem to drive."""
+        return np.asarray(self.left_edge_m - (lane + 0.5) * self.width_m + self.aside_m)
+
     def index(self, offset_m: Floats) -> Ints:
-        """Return the lane of each offset (n,), the nearest one for offsets beside the lanes."""
-        lane = np.floor((self.left_edge_m - offset_m) / self.width_m).astype(np.int64)
-        return np.clip(lane, 0, self.count - 1)
+        """Return the lane of vehicles (n,), the nearest one of those beside the lanes."""
+        return np.clip(self.counted_on(offset_m), 0, self.count - 1)
+
+    def counted_on(self, offset_m: Floats) -> Ints:
+        """Return the lane of vehicles (n,), counted on beyond the first lane and the last."""
+        away_m = self.left_edge_m + self.aside_m - offset_m
+        return np.asarray(np.floor(away_m / self.width_m), np.int64)
 
 
 def fit_lanes(
@@ -73,19 +81,13 @@ def fit_lanes(
     near = (line_m > offsets.min() - BESIDE_M) & (line_m < offsets.max() + BESIDE_M)
     share_m = float(np.hypot(SHARE_M, doubt_m))
     lanes = _comb(offsets, owners, line_m[near], share_m)
-    index = _nearest(lanes, offsets)
-    miss = np.abs(lanes.left_edge_m - (index + 0.5) * lanes.width_m + lanes.aside_m - offsets)
+    index = lanes.counted_on(offsets)
+    miss = np.abs(lanes.driven_at_m(index) - offsets)
     first, last = _occupied(index, miss / lanes.width_m, owners, _between(lanes, line_m[near]))
     inside = (index >= first) & (index <= last)
     lanes = _refine(lanes, offsets[inside], index[inside], line_m[near], share_m)
     left_m = lanes.left_edge_m - first * lanes.width_m
     return Lanes(left_m, last - first + 1, lanes.width_m, lanes.aside_m)
-
-
-def _nearest(lanes: Lanes, offset_m: Floats) -> Ints:
-    """Return the lane of each vehicle (n,), counted on beyond the first and the last."""
-    away = lanes.left_edge_m + lanes.aside_m - offset_m
-    return np.asarray(np.round(away / lanes.width_m - 0.5), np.int64)
 
 
 def _busiest_cluster(offset_m: Floats, owner: Ints) -> Ints:
