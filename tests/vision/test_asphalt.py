@@ -249,6 +249,16 @@ def test_rows_that_were_learnt_from_a_queue_are_learnt_anew_once_it_is_gone() ->
     assert (masks.foreign[20:50] > 0).mean() < 0.1
 
 
+def test_rows_that_lay_long_in_the_shadows_of_a_queue_are_not_learnt_dark() -> None:
+    film = Film()
+    film.show(seconds=3.0)
+    beside_a_queue = film.road.copy()
+    for rear in range(0, OF.columns, 60):
+        beside_a_queue[20:30, rear : rear + 50] *= 0.6
+    film.show(beside_a_queue, seconds=12.0)
+    assert (film.show().foreign[20:30] > 0).mean() < 0.1
+
+
 def test_road_that_is_seen_bare_for_the_first_time_is_believed_at_once() -> None:
     """Coarse asphalt under a queue: its grain is no vehicle, before and after it is learnt."""
     film = Film()

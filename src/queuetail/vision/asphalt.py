@@ -45,7 +45,8 @@ EDGE_TOLERANCE = 0.45  # share of the local gradient: half a pixel of misregistr
 PLAIN_TOLERANCE = 12.0  # grey levels from a row's road at which a pixel is road for certain
 STAIN_TOLERANCE = 40.0  # grey levels from a row's road that a stain or patch may have,
 STAIN_SHARE = 0.3  # and no more than this share of the road's: at dusk cars differ by as little
-GRAIN, MOST_OF_ROW = 0.14, 0.6  # of brightness; of a row that shows one road
+GRAIN, MOST_OF_ROW = 0.14, 0.6  # of brightness; of a row that shows one road,
+LIT_OF_ROW = 0.05  # and of one that shows a lighter one yet
 EVERY = 4  # columns of a row that are looked at
 GROW_M = 1.2  # vehicles are kept out of learning with this margin
 
@@ -246,7 +247,8 @@ class RoadBackground:
     def _relearn_rows(self, image: Image, profiles: list[Picture], dt_s: float) -> None:
         """Learn rows anew that have long shown, nearly all along, another road than was learnt.
 
-        Where a queue stood in the first picture, it may have been taken for road.
+        Where a queue stood in the first picture, it may have been taken for road.  Beside a queue
+        its shadows lie nearly all along as well; between them the lighter road still shows.
         """
         for number, band in enumerate(self._bands):
             rows, (begin, end) = slice(*band.rows), band.visible_columns
@@ -258,7 +260,8 @@ class RoadBackground:
             tolerance = np.maximum(ALIKE, GRAIN * modes)[:, None]
             learnt = profiles[number]
             other = np.abs(modes - learnt) > np.maximum(ALIKE, OTHER_ROAD * learnt)
-            other &= (np.abs(some - modes[:, None]) < tolerance).mean(axis=1) > MOST_OF_ROW
+            other &= _show(some, modes, tolerance) > MOST_OF_ROW
+            other &= (modes > learnt) | (_show(some, learnt, tolerance) < LIT_OF_ROW)
             waited_s = np.where(other, self._other_s[rows] + dt_s, 0.0)
             anew = np.flatnonzero(waited_s >= STILL_S)
             waited_s[anew] = 0.0
@@ -300,3 +303,8 @@ class RoadBackground:
                 part = np.s_[band.rows[0] : band.rows[1], : band.columns]
                 unknown = self._bare[part] == 0
                 np.add(self._threshold[part], more, out=self._threshold[part], where=unknown)
+
+
+def _show(some: Picture, level: Picture, tolerance: Picture) -> Picture:
+    """Return the share (rows,) of each row's pixels that are as bright as its level (rows,)."""
+    return np.asarray((np.abs(some - level[:, None]) < tolerance).mean(axis=1), np.float32)
