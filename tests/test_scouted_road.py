@@ -163,6 +163,23 @@ def test_a_rough_alignment_serves_until_a_sure_one_replaces_it() -> None:
     assert px_to_enu(mapped(of), PX) == pytest.approx(sure.apply(before), abs=1e-6)
 
 
+def test_a_road_far_aside_is_moved_early_and_again_with_more_evidence() -> None:
+    of = mapper()
+    before = px_to_enu(mapped(of), PX)
+    road = SiteRoad((approach("NB"),), of)
+    road._begin(0.0, 0)
+    road._take(alignment(0.0, 2.6, sigma_m=0.9))  # by less than three sigmas
+    assert road.alignment is None
+    far = alignment(0.0, 4.0, sigma_m=0.9)
+    road._take(far)
+    assert px_to_enu(mapped(of), PX) == pytest.approx(far.apply(before), abs=1e-6)
+    path = np.column_stack([np.linspace(-120.0, 120.0, 75), np.full(75, -2.0)])
+    road._seen = gather([Trajectory(np.arange(75) * 0.2, path)] * 5, NO_MARKS)
+    more = dataclasses.replace(alignment(0.0, 3.4, sigma_m=0.6), vehicles=30, marks=40)
+    road._take(more)
+    assert px_to_enu(mapped(of), PX) == pytest.approx(more.apply(before), abs=1e-6)
+
+
 def test_a_sure_alignment_like_the_rough_one_changes_nothing() -> None:
     of = mapper()
     before = px_to_enu(mapped(of), PX)

@@ -28,6 +28,7 @@ from queuetail.vision.scout import RoadScout
 SURE_M, SURE_OF = 0.35, 6  # sigma, and how many vehicles and marks agree
 LINES_ALONE = 12  # marks: fewer may be gravel, unless somebody drives in the lanes as well
 ROUGH_M = 0.6  # sigma at which a road that lies two of them aside is moved, until one is sure,
+FAR_SIGMAS = 3.0  # or of so many whatever they are,
 MUCH_MORE = 1.5  # and again once so many times as much agrees
 TRY_EVERY_S = 1.0
 WATCH_S = 45.0  # of traffic, after which nothing new is learnt of the road
@@ -131,7 +132,9 @@ class SiteRoad:
         assert isinstance(self._mapper, RegisteredMapper)
         now = self._mapper.H_true_enu
         move_m = found.move_m if self.alignment is None else self._move_m(found, now)
-        small = move_m < max(MIN_MOVE_M, MIN_SIGMAS * found.move_sigma_m)
+        # Where it was moved roughly before, more evidence is the better one, however sure.
+        sure_m = MIN_SIGMAS * found.move_sigma_m if self._rough is None else 0.0
+        small = move_m < max(MIN_MOVE_M, sure_m)
         self.alignment = found
         self._misfit = max(self._misfit, abs(found.rotation_deg), abs(found.shift_m) / 1.5)
         self._mapper.correct(None if small else found.H_true_enu, self._misfit)
@@ -160,8 +163,10 @@ def _turned(approaches: tuple[Approach, ...], seen: LaneEvidence) -> tuple[str, 
 
 def _is_an_advance(found: Alignment) -> bool:
     """Tell whether the lanes are surely not where telemetry puts them, though not yet where."""
-    close = _is_enough(found) and found.move_sigma_m < ROUGH_M
-    return close and found.move_m > MIN_SIGMAS * found.move_sigma_m
+    if not _is_enough(found):
+        return False
+    close = found.move_sigma_m < ROUGH_M and found.move_m > MIN_SIGMAS * found.move_sigma_m
+    return close or found.move_m > FAR_SIGMAS * found.move_sigma_m
 
 
 def _is_sure(found: Alignment) -> bool:
