@@ -46,6 +46,16 @@ def test_where_they_fall_they_are_marked_on_their_side_only() -> None:
     assert marked(reach, thing(2, 50, 1.0), thing(1, 51, 0.0)) == [False, False]
 
 
+def test_dark_cars_of_a_queue_beside_one_another_do_not_tell_of_shadows() -> None:
+    reach = ShadowReach()
+    queue = [thing(1, 20 + 7 * n, 1.0) for n in range(4)] + [
+        thing(2, 21 + 7 * n, 0.0) for n in range(4)
+    ]
+    for n in range(60):
+        marked(reach, *queue, *([thing(1, 80 + 2 * n, 1.0)] if n < 30 else []))
+    assert marked(reach, thing(1, 50, 1.0), thing(2, 51, 0.0)) == [False, False]
+
+
 def test_a_body_beside_a_body_says_nothing() -> None:
     reach = ShadowReach()
     for n in range(60):

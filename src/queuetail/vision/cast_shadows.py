@@ -23,7 +23,8 @@ SHADOW_REACH_M, SHADOW_LANES = 4.0, 2  # along and across the road, from a body 
 ONLY_SHADE = 0.15  # of the columns: with less, all may be shadow
 BODY_SHARE = 0.25  # of a vehicle's columns, for it to show where its cast shadow ends
 REACH_MEMORY, REACH_KNOWN = 400, 20  # casters, one for each picture that shows it
-THROWN = 0.3  # share of them beside which shade lies: fewer just drive beside dark cars
+ALONE_M = 12.0  # to the next in its lane, for what lies beside a caster to tell of shadows
+THROWN = 0.5  # share of them beside which shade lies: fewer just drive beside dark cars
 
 
 class CastShadows:
@@ -102,7 +103,7 @@ class ShadowReach:
         """Mark the intervals of one band that show only shade, near a body that may cast it."""
         bodies = [i for i in intervals if i.body >= BODY_SHARE and not i.roof]
         for caster in bodies:
-            if not any(caster.cut):
+            if not any(caster.cut) and _is_alone(caster, intervals, px_per_m):
                 self._learn(caster, intervals, lanes, px_per_m)
         for interval in intervals:
             interval.shadow = interval.body < ONLY_SHADE and any(
@@ -139,6 +140,18 @@ def _is_near(shade: Interval, caster: Interval, px_per_m: float) -> bool:
     """Tell whether shade lies so near a caster, along the road, that it may be thrown by it."""
     reach = SHADOW_REACH_M * px_per_m
     return caster.rear < shade.front + reach and caster.front > shade.rear - reach
+
+
+def _is_alone(caster: Interval, intervals: Sequence[Interval], px_per_m: float) -> bool:
+    """Tell whether a caster stands in no queue, where anything may stand beside it."""
+    room = ALONE_M * px_per_m
+    return not any(
+        other is not caster
+        and other.lane == caster.lane
+        and other.rear < caster.front + room
+        and other.front > caster.rear - room
+        for other in intervals
+    )
 
 
 def _is_tall(caster: Interval, px_per_m: float) -> bool:
