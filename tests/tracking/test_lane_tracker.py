@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from queuetail.geo.camera import intrinsics_from_hfov
 from queuetail.geo.ground import mapping_from_pose
 from queuetail.tracking.lane_tracker import LaneTracker
+from queuetail.tracking.lane_vehicle import Interval, LaneVehicle, owns
 from queuetail.types import (
     Approach,
     Band,
@@ -146,6 +147,33 @@ def test_a_driving_car_is_confirmed_soon_and_measured_well() -> None:
     assert rear(tracks) == pytest.approx(-3.0 + 25.0 * 5.9, abs=0.4)
     assert tracks.length_m[0] == pytest.approx(4.6, abs=0.3)
     assert tracks.sigma_m[0] < 0.4
+
+
+def drives_in(**looks: float) -> list[int]:
+    """Return the pictures of 8 a second in which one told of what drives in at 25 m/s."""
+    road, told = Road(), []
+    for step in range(6):
+        at = 1.0 + 25.0 * step / 8
+        seen = (1, at, at + 4.6, looks.get("contrast", CONTRAST), looks.get("body", BODY))
+        if confirmed(road.see(seen, dt_s=1 / 8)):
+            told.append(step)
+    return told
+
+
+def test_what_surely_drives_is_told_in_the_second_picture_that_shows_it() -> None:
+    """A dark thing that drives must go a way as well, and what is as faint as a stain."""
+    assert drives_in() == [1, 2, 3, 4, 5]
+    assert drives_in(body=0.1) == [5]
+    assert 1 not in drives_in(contrast=0.12)
+
+
+def test_who_was_told_early_and_is_not_seen_again_is_let_go_at_once() -> None:
+    road = Road()
+    road.see((1, 20.0, 24.6), dt_s=1 / 8)
+    assert confirmed(road.see((1, 23.0, 27.6), dt_s=1 / 8))
+    road.see(dt_s=1 / 8)
+    road.see(dt_s=1 / 8)
+    assert not confirmed(road.see(dt_s=1 / 8))
 
 
 @pytest.mark.parametrize("to_lane", [1, 2])
@@ -530,6 +558,38 @@ def test_a_standing_thing_that_others_drive_through_is_no_vehicle() -> None:
     for _ in range(150):
         tracks = road.see((1, 150.0, 154.6))
     assert confirmed(tracks) == []
+
+
+def drive_through(road: Road, standing: Seen) -> list[int]:
+    """Let a car drive at 25 m/s through a standing thing; return what is believed there then."""
+    _, rear_m, front_m = standing[:3]
+    for step in range(90):
+        at = 1.0 + 2.5 * step
+        over = at + 4.6 > rear_m - 0.7 and at < front_m + 0.7
+        merged: list[Seen] = [(1, min(at, rear_m), max(at + 4.6, front_m))]
+        tracks = road.see(*(merged if over else [(1, at, at + 4.6), standing]))
+    return [i for i in confirmed(tracks) if abs(rear(tracks, i) - rear_m) < 20]
+
+
+def test_what_drove_and_stands_where_two_others_drive_through_is_no_vehicle() -> None:
+    """A shadow that came along beside a vehicle: one alone may be thought of in a wrong lane."""
+    road = Road()
+    for n in range(80):
+        at, _ = braked(n / 10, 150.0, 25.0)
+        road.see((1, at, at + 4.6))
+    for _ in range(30):
+        road.see((1, 150.0, 154.6))
+    assert len(drive_through(road, (1, 150.0, 154.6))) == 1
+    assert drive_through(road, (1, 150.0, 154.6)) == []
+
+
+@pytest.mark.parametrize("mark", [True, False])
+def test_what_lies_where_a_known_stain_lies_is_that_and_no_passing_vehicle(mark: bool) -> None:
+    rear_m = 150.5
+    thing = LaneVehicle(1, 0, 1, 150.0, 0.0, 3.0, -1.8, 0.0, mark=mark)
+    assert owns(thing, Interval(0, 1, rear_m, rear_m + 3.0, -1.8, False, False), 9.0) is mark
+    joined = Interval(0, 1, rear_m - 5.0, rear_m + 3.0, -1.8, False, False)
+    assert not owns(thing, joined, 9.0)
 
 
 def drive_into(road: Road) -> None:

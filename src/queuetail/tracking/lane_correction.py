@@ -18,9 +18,6 @@ ROOF_SIGMA_M = 2.0  # of an end of which only the roof is seen,
 CLEAN, CLEAN_ROOF_SIGMA_M = 0.3, 0.6  # and of the middle of one that is as long as its vehicle
 MERGED_SIGMA_M = 1.0  # of an end that is shared with another vehicle
 SMALLEST_GAP_M = 1.0
-APPEARS_S = 0.3  # after it came, a vehicle is seen
-LOST_S = 0.35  # unseen for so long, and not just merged with another one in a picture
-FASTEST_STOP_MPS2, CRASH_MPS = 8.0, 4.0  # braking on dry asphalt, and what is no braking at all
 # Longer than known by this much for a while: another vehicle is inside, the shortest with its gap.
 LENGTH_STEP_M = 4.4
 FAST_MPS = 8.0  # vehicles of one lane keep well apart
@@ -134,38 +131,15 @@ def correct_many(vehicles: Sequence[LaneVehicle], interval: Interval) -> None:
             behind.correct(behind.rear_m - overlap, MERGED_SIGMA_M)
 
 
-def drives_into(behind: LaneVehicle, ahead: LaneVehicle, unseen_s: float) -> bool:
-    """Tell whether a vehicle that is not seen any more drove into what has always stood ahead.
-
-    Who was seen driving a moment ago cannot have braked so hard: what stands there may be a stain.
-    """
-    brakes = behind.speed_mps <= FASTEST_STOP_MPS2 * unseen_s + CRASH_MPS
-    lost = behind.moved and not ahead.moved and unseen_s > LOST_S and not brakes
-    return lost and _overlap_m(behind, ahead) > 0
-
-
-def came_through(vehicle: LaneVehicle, thing: LaneVehicle, t_s: float) -> bool:
-    """Tell whether a vehicle that drives freely appeared just ahead of a thing of its lane.
-
-    A moment before it must have been where that stands, which then is none: nobody changes lanes so
-    fast.
-    """
-    began_m = vehicle.rear_m - vehicle.speed_mps * (t_s - vehicle.born_s)
-    first_m, last_m = thing.rear_m, thing.front_m + APPEARS_S * vehicle.speed_mps
-    same_lane = (vehicle.approach, vehicle.lane) == (thing.approach, thing.lane)
-    fast = vehicle.speed_mps > FAST_MPS
-    return fast and same_lane and not thing.moved and first_m < began_m < last_m
-
-
 def keep_behind(behind: LaneVehicle, ahead: LaneVehicle) -> None:
     """Stop a vehicle that is not seen before it would be inside the one ahead."""
-    overlap = _overlap_m(behind, ahead)
+    overlap = too_near_m(behind, ahead)
     if overlap > 0:
         behind.rear_m -= overlap
         behind.speed_mps = min(behind.speed_mps, ahead.speed_mps)
 
 
-def _overlap_m(behind: LaneVehicle, ahead: LaneVehicle) -> float:
+def too_near_m(behind: LaneVehicle, ahead: LaneVehicle) -> float:
     """Return by how much a vehicle comes nearer to the one ahead than vehicles stand."""
     return behind.front_m + SMALLEST_GAP_M - ahead.rear_m
 

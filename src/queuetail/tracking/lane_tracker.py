@@ -11,18 +11,19 @@ from itertools import pairwise
 import numpy as np
 
 from queuetail.tracking.driving_lines import DrivingLines
-from queuetail.tracking.lane_correction import (
+from queuetail.tracking.lane_belief import (
     came_through,
-    correct_one,
     drives_into,
-    keep_behind,
+    looks_like_a_vehicle,
+    surely_drives,
+    unmasked,
 )
+from queuetail.tracking.lane_correction import correct_one, keep_behind
 from queuetail.tracking.lane_sight import flow_mps, follow_flow, is_hidden
 from queuetail.tracking.lane_tracks import carried_over, tracks_of
 from queuetail.tracking.lane_vehicle import (
     DRIVING_MPS,
     FIRST_SPEED_SIGMA_MPS,
-    LEAST_BODY,
     SHADE_KNOWN_S,
     STANDING_MPS,
     Interval,
@@ -59,12 +60,9 @@ APPARITION_S = 6.0
 COAST_S, TENTATIVE_COAST_S = 1.2, 0.25  # without a trace in the picture
 HIDDEN_S, HIDDEN_DRIVING_S = 60.0, 3.0  # behind a tall vehicle that stands, or that drives
 FLOW_FIRST_SIGMA_MPS = 1.0  # at the least, of a newcomer: it may be something else that moves there
-STAIN_CONTRAST, MIN_STANDING_M = 0.17, 2.8
 SHADE_HIDDEN_S = 3.0
 BACK_M = 2.0  # from where it was born
 ASTRIDE_SHARED = 0.6  # of the shorter, of a vehicle and what is seen between its lane and the next
-RUN_INTO = 2  # vehicles: no one of them may be lost for another reason
-SAME_PLACE = 0.45  # overlap, as a share of the shorter, at which one drives through the other
 
 
 class LaneTracker:
@@ -88,7 +86,7 @@ class LaneTracker:
         kept = (
             v
             for v in self._vehicles
-            if not (v.mark or v.only_shade) and (v.moved or _looks_like_a_vehicle(v, 0.75))
+            if not (v.mark or v.only_shade) and (v.moved or looks_like_a_vehicle(v, 0.75))
         )
         return [(v.approach, v.lane, v.rear_m, v.front_m, v.is_car, v.moved) for v in kept]
 
@@ -117,7 +115,7 @@ class LaneTracker:
         for interval in left:
             begin_m = points.spans.get(interval.approach, (-np.inf, np.inf))[0]
             self._start(interval, begin_m, points.sights, scene.t_s)
-        self._unmask()
+        self._driven += unmasked(self._vehicles)
         self._retire(points, scene.t_s)
         self._tracks = tracks_of(self._vehicles, self._approaches, scene)
         return self._tracks
@@ -269,30 +267,6 @@ class LaneTracker:
         nearest = min(near, key=lambda v: abs(v.rear_m - rear_m) + 20 * (v.lane != interval.lane))
         return nearest.speed_mps, 8.0
 
-    def _unmask(self) -> None:
-        """Unmask standing things that others drive through or into: they are no vehicles."""
-        driving = [v for v in self._vehicles if v.confirmed and v.speed_mps > DRIVING_MPS]
-        for thing in self._vehicles:
-            if thing.moved or thing.mark or abs(thing.speed_mps) > STANDING_MPS:
-                continue
-            place = Interval(
-                thing.approach,
-                thing.lane,
-                thing.rear_m,
-                thing.front_m,
-                thing.offset_m,
-                False,
-                False,
-            )
-            if thing.run_into >= RUN_INTO or any(
-                v.moved
-                and (v.approach, v.lane) == (thing.approach, thing.lane)
-                and shared(v, place) > SAME_PLACE
-                for v in driving
-            ):
-                thing.mark, thing.confirmed = True, False
-                self._driven.append(place)
-
     def _retire(self, points: RoadPoints, t_s: float) -> None:
         """Confirm what was seen often enough and let go of what left or was lost."""
         kept = []
@@ -311,12 +285,13 @@ class LaneTracker:
             settled = v.var_speed < CONFIRM_SPEED_SIGMA_MPS**2 and v.hits >= CONFIRM_HITS
             wait_s = APPARITION_S if v.apparition else CONFIRM_S
             on_road = v.in_row or not self._lines.is_aside(v)
-            settled &= v.moved or (on_road and _looks_like_a_vehicle(v))
-            v.confirmed &= v.moved or (on_road and _looks_like_a_vehicle(v, 0.75))
+            settled &= v.moved or (on_road and looks_like_a_vehicle(v))
+            v.confirmed &= v.moved or (on_road and looks_like_a_vehicle(v, 0.75))
             if settled and t_s - v.born_s >= wait_s and not v.mark and not v.confirmed:
                 v.confirmed = True
                 for thing in self._vehicles:
                     thing.run_into += came_through(v, thing, t_s)
+            v.shown = v.confirmed or (v.seen_s == t_s and on_road and surely_drives(v))
             begin_m, end_m = points.spans.get(v.approach, (-np.inf, np.inf))
             gone = v.rear_m > end_m - 1.0 or v.front_m < begin_m - 1.0
             unseen_s = t_s - v.seen_s
@@ -354,14 +329,6 @@ def claimants(
         return inside
     crashed.restart(interval.rear_m, 0.0, FLOW_FIRST_SIGMA_MPS)
     return [crashed]
-
-
-def _looks_like_a_vehicle(thing: LaneVehicle, slack: float = 1.0) -> bool:
-    """Tell whether what has never moved may be a vehicle: stains are flat, shadows all dark."""
-    if thing.in_row:
-        return True
-    marked = thing.contrast >= slack * STAIN_CONTRAST and thing.body >= slack * LEAST_BODY
-    return marked and thing.length_m >= slack * MIN_STANDING_M
 
 
 def _by_lane(points: RoadPoints) -> tuple[dict[tuple[int, int], list[Interval]], list[Interval]]:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from queuetail.geo.ground import enu_to_px, px_to_enu
+from queuetail.tracking.lane_belief import surely_drives
 from queuetail.tracking.lane_vehicle import LaneVehicle
 from queuetail.traffic.road import assign, place
 from queuetail.types import (
@@ -88,8 +89,8 @@ def _state(vehicle: LaneVehicle, scene: Scene) -> TrackState:
     """
     assert isinstance(scene.raster, RoadRaster)
     begin_m = scene.raster.spans.get(vehicle.approach, (-np.inf, np.inf))[0]
-    inside = vehicle.moved or vehicle.in_row or vehicle.rear_m > begin_m
-    if not (vehicle.confirmed and inside):
+    inside = vehicle.moved or vehicle.in_row or vehicle.rear_m > begin_m or surely_drives(vehicle)
+    if not (vehicle.shown and inside):
         return TrackState.TENTATIVE
     return TrackState.CONFIRMED if vehicle.seen_s == scene.t_s else TrackState.COASTING
 

@@ -77,6 +77,7 @@ class LaneVehicle:
     none_s: float = 0.0  # for how long it has been where only the bodies of others are
     apparition: bool = False  # came out of nothing in mid-view, and has not moved since
     mark: bool = False  # stands where others have driven through: a stain, until it moves
+    driven_through: set[int] = field(default_factory=set)  # by whom, while it stands
     run_into: int = 0  # how many drove to where it stands without braking, or came from there
     in_row: bool = (
         False  # stands between vehicles of its lane, as long as a car: none but a car does
@@ -88,11 +89,23 @@ class LaneVehicle:
     body: float = 1.0  # share of its interval that shows more than cast shadow
     born_at_m: float = 0.0
     confirmed: bool = False
+    shown: bool = False  # it is told: confirmed, or surely driving
     astride: bool = False  # it was last seen between two lanes
 
     @property
     def front_m(self) -> float:
         return self.rear_m + self.length_m
+
+    @property
+    def place(self) -> Interval:
+        """Where it is, as an interval of its lane."""
+        ends = self.rear_m, self.front_m
+        return Interval(self.approach, self.lane, *ends, self.offset_m, False, False)
+
+    @property
+    def stands(self) -> bool:
+        """Whether it stands, as far as can be told."""
+        return abs(self.speed_mps) < STANDING_MPS
 
     @property
     def is_car(self) -> bool:
@@ -118,11 +131,12 @@ class LaneVehicle:
     def is_fainter_than_it_was(self) -> bool:
         """Whether it stands, and looks much less like a vehicle than while it drove: a stain."""
         faint = self.contrast < min(FAINT, ALIKE_CONTRAST * self.driving_contrast)
-        return faint and abs(self.speed_mps) < STANDING_MPS
+        return faint and self.stands
 
     def disbelieve(self) -> None:
         """Take it for no vehicle, until it has gone a way anew."""
         self.confirmed, self.way_m, self.born_at_m = False, 0.0, self.rear_m
+        self.run_into, self.driven_through = 0, set()
 
     @property
     def only_shade(self) -> bool:
@@ -283,11 +297,11 @@ def stopped_dead(
 
 
 def owns(thing: LaneVehicle, interval: Interval, t_s: float) -> bool:
-    """Tell whether an interval is the shadow that has been lying there: no passing vehicle."""
+    """Tell whether an interval is the shadow or stain that has been lying there, and no vehicle."""
+    is_shade = thing.only_shade and interval.body < LEAST_BODY
+    known = thing.mark or (is_shade and t_s - thing.born_s > SHADE_KNOWN_S)
     return (
-        interval.body < LEAST_BODY
-        and thing.only_shade
-        and t_s - thing.born_s > SHADE_KNOWN_S
+        known
         and abs(interval.rear_m - thing.rear_m) < SHADE_SWAY_M
         and abs(interval.front_m - thing.front_m) < SHADE_SWAY_M
     )
