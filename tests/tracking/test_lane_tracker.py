@@ -585,10 +585,9 @@ def test_what_drove_and_stands_where_two_others_drive_through_is_no_vehicle() ->
 
 @pytest.mark.parametrize("mark", [True, False])
 def test_what_lies_where_a_known_stain_lies_is_that_and_no_passing_vehicle(mark: bool) -> None:
-    rear_m = 150.5
     thing = LaneVehicle(1, 0, 1, 150.0, 0.0, 3.0, -1.8, 0.0, mark=mark)
-    assert owns(thing, Interval(0, 1, rear_m, rear_m + 3.0, -1.8, False, False), 9.0) is mark
-    joined = Interval(0, 1, rear_m - 5.0, rear_m + 3.0, -1.8, False, False)
+    assert owns(thing, Interval(0, 1, 150.5, 153.5, -1.8, False, False), 9.0) is mark
+    joined = Interval(0, 1, 145.5, 153.5, -1.8, False, False)
     assert not owns(thing, joined, 9.0)
 
 

@@ -81,26 +81,25 @@ def unmasked(vehicles: Sequence[LaneVehicle]) -> list[Interval]:
     Of what has driven itself it takes several at speed: one may be in the next lane, or lost.
     """
     places: list[Interval] = []
-    driving = [v for v in vehicles if v.confirmed and v.moved]
+    driving = [v for v in vehicles if v.confirmed and v.moved and v.speed_mps > DRIVING_MPS]
     for thing in vehicles:
         if not thing.stands and thing.moved:
-            thing.run_into, thing.driven_through = 0, set()
+            thing.run_into = 0
+            thing.driven_through.clear()
         if thing.mark or not thing.stands:
             continue
-        place = thing.place
-        least_mps = FAST_MPS if thing.moved else DRIVING_MPS
-        thing.driven_through |= {
-            v.track_id
-            for v in driving
-            if (v.approach, v.lane) == (thing.approach, thing.lane)
-            and v.speed_mps > least_mps
-            and shared(v, place) > SAME_PLACE
-        }
+        thing.driven_through |= {v.track_id for v in driving if _drives_through(v, thing)}
         if _is_driven_over(thing):
             thing.disbelieve()
             thing.mark = True
-            places.append(place)
+            places.append(thing.place)
     return places
+
+
+def _drives_through(vehicle: LaneVehicle, thing: LaneVehicle) -> bool:
+    same_lane = vehicle.lane == thing.lane and vehicle.approach == thing.approach
+    fast = vehicle.speed_mps > FAST_MPS or not thing.moved
+    return same_lane and fast and shared(vehicle, thing.place) > SAME_PLACE
 
 
 def _is_driven_over(thing: LaneVehicle) -> bool:

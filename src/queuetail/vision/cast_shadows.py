@@ -102,8 +102,11 @@ class ShadowReach:
     def mark(self, intervals: Sequence[Interval], lanes: int, px_per_m: float) -> None:
         """Mark the intervals of one band that show only shade, near a body that may cast it."""
         bodies = [i for i in intervals if i.body >= BODY_SHARE and not i.roof]
+        by_lane: dict[int, list[Interval]] = {}
+        for interval in intervals:
+            by_lane.setdefault(interval.lane, []).append(interval)
         for caster in bodies:
-            if not any(caster.cut) and _is_alone(caster, intervals, px_per_m):
+            if not any(caster.cut) and _is_alone(caster, by_lane[caster.lane], px_per_m):
                 self._learn(caster, intervals, lanes, px_per_m)
         for interval in intervals:
             interval.shadow = interval.body < ONLY_SHADE and any(
@@ -142,16 +145,10 @@ def _is_near(shade: Interval, caster: Interval, px_per_m: float) -> bool:
     return caster.rear < shade.front + reach and caster.front > shade.rear - reach
 
 
-def _is_alone(caster: Interval, intervals: Sequence[Interval], px_per_m: float) -> bool:
-    """Tell whether a caster stands in no queue, where anything may stand beside it."""
-    room = ALONE_M * px_per_m
-    return not any(
-        other is not caster
-        and other.lane == caster.lane
-        and other.rear < caster.front + room
-        and other.front > caster.rear - room
-        for other in intervals
-    )
+def _is_alone(caster: Interval, lane: Sequence[Interval], px_per_m: float) -> bool:
+    """Tell whether a caster is in no queue in its lane: beside one anything may stand."""
+    first, last = caster.rear - ALONE_M * px_per_m, caster.front + ALONE_M * px_per_m
+    return not any(i is not caster and i.rear < last and i.front > first for i in lane)
 
 
 def _is_tall(caster: Interval, px_per_m: float) -> bool:
